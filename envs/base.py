@@ -1,7 +1,7 @@
 """The contract of a task: its states, its methods, and the demonstrations of its scripted expert.
 
 Shapes use N for the objects of a scene (goal region and robot included), A for actions and T for
-the moments of an episode.
+the states of an episode.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -41,7 +41,7 @@ class State(NamedTuple):
     obs: Float[Array, "O"]
     objects: Objects
     moved: Bool[Array, "N"] | None = None  # objects that a varied start has already moved
-    reward: Float[Array, ""] | float = 0.0  # the task's own dense reward of this moment
+    reward: Float[Array, ""] | float = 0.0  # the task's own dense reward of this state
     done: Float[Array, ""] | float = (
         0.0  # 1 if the task itself ended; time limits are the wrapper's
     )
@@ -76,7 +76,7 @@ class Wanted(NamedTuple):
 
     successes: int
     failures: int
-    seed: int  # of all that is drawn
+    seed: int  # of all that is sampled
     places: str  # where things start: "demo", "jitter" (a little elsewhere) or "layout" (anywhere)
 
 

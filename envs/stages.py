@@ -170,9 +170,9 @@ def free_place(
     """Centres with one object moved to a place sampled uniformly between `low` and `high`.
 
     Each place becomes the nearest that is `possible` (`Stages.possible`). Of 64 of them the first
-    is taken that is `allowed`, given the centres with the object moved, and
-    where the object, as a disc of its mean width, touches none of the others; if there is none, the
-    allowed one that overlaps least. Its own index among the others is passed over.
+    is taken that is `allowed`, given the centres with the object moved. There the object, as a disc
+    of its mean width, must touch none of the others. If there is none, the allowed place with the
+    least overlap is taken. Its own index among the others is passed over.
     """
     places = jax.random.uniform(key, (_CANDIDATES, 2), minval=low, maxval=high)
     moved = jax.vmap(lambda place: center.at[index].set(place))(places)

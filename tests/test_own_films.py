@@ -77,7 +77,7 @@ def test_a_dry_run_on_films_says_how_long_and_writes_nothing(home, capsys):
 def test_an_audit_of_films_says_what_it_leaves_out(home, capsys):
     assert gril("audit", home / "run", "--ascents", "20") == 0
     said = capsys.readouterr().out
-    assert "left out, because videos do not say what success is" in said
+    assert "left out, because videos do not define success" in said
     found = json.loads((home / "run" / "audit" / "audit.json").read_text())
     assert found["scenes"] >= 1
     assert 0 <= found["misranked_share"] <= 1

@@ -1,4 +1,4 @@
-"""MAGICAL's variants as x-magical has them: what is drawn at the start of an episode, inside jit.
+"""MAGICAL's variants as x-magical has them: what `reset` samples, inside jit.
 
 Entities are placed one after another (region, robot, blocks), each at the first of `_CANDIDATES`
 uniform poses that touches nothing placed before. If none is free the first is taken and the episode
@@ -97,7 +97,7 @@ def place_robot(
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
     """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere, a
     little before a point and about `facing` it, or `at` a place or beside it, as near as one of
-    those drawn. Returns it, and True if there was none."""
+    those sampled. Returns it, and True if there was none."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
     if at is not None:
         away = jnp.linspace(0.0, 1.0, len(poses))[:, None] ** 2 * _BESIDE

@@ -88,9 +88,9 @@ def render(
       size: width and height of the picture in pixels.
       antialias: mix colours at edges by the share of the pixel that is covered, judged by the
         distance of its centre. Lines then keep their true width, be it a fraction of a pixel.
-        Without it, every pixel has one colour of the palette, and lines are whole pixels wide: as
-        in `gril_jax.workflows.build.filming`, those of blocks and robot vanish in pictures of 192
-        pixels or less.
+        Without it, every pixel has one colour of the palette, and lines are whole pixels wide. In
+        pictures of 192 pixels or less the lines of blocks and robot then vanish, as in the module
+        `filming` of `gril_jax.workflows.build`.
       look: how floor and regions are painted.
       robot_first: paint the robot below the blocks, not above them.
 

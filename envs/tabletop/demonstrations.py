@@ -21,7 +21,7 @@ from .start import Moments
 from .task import Task
 
 JITTER = {"demo": 0.0, "jitter": 0.5, "layout": 1.0}  # of starts, by `Wanted.places`
-_BATCH = 32  # starts drawn at once
+_BATCH = 32  # starts sampled at once
 _PATIENCE = 4  # episodes played for each that is wanted, at most
 _PIXELS = 256
 
@@ -154,7 +154,7 @@ def carried(seen: Sightings, names: tuple[str, ...]) -> Sightings:
 class Entry:
     """A task and its scripted expert; what is compiled for one environment serves as long as it.
 
-    `moments()` are those within the expert's episodes, at which training may begin.
+    `moments()` are states of the expert's episodes, at which training may begin.
     """
 
     def __init__(self, task: Task, script: Script):
@@ -172,7 +172,7 @@ class Entry:
         return Tabletop(self.task, varied_starts=varied_starts, moments=found, **options)
 
     def _recorded(self) -> Moments:
-        """Moments of the expert, recorded once a process: no option of an episode changes them."""
+        """States of the expert, recorded once a process: no option of an episode changes them."""
         return moments(Tabletop(self.task), self.script.perform)
 
     def demonstrate(

@@ -46,7 +46,7 @@ class TabletopData(NamedTuple):
     record: Record
     time: Int[Array, ""]  # control steps since reset
     unplaced: Bool[Array, ""]  # the start found no free place
-    varied: Bool[Array, ""]  # the episode began at a moment of another
+    varied: Bool[Array, ""]  # the episode began at a state of another
 
 
 def _hand(motion: Motion) -> tuple[Frame, Frame, Frame]:
@@ -64,8 +64,8 @@ class Tabletop:
       reward: "staged", "stages" or "sparse"; see `reward`.
       observation: "rich" or "plain"; see `observation`.
       jitter: share of the ranges of the start's randomness, from 0 to 1.
-      varied_starts: share of the episodes that begin at one of these moments:
-      moments: within recorded episodes of the task.
+      varied_starts: share of the episodes that begin at one of these states:
+      moments: states of recorded episodes of the task.
       substeps: physics steps a control step.
       iterations, ls_iterations: of the contact solver and its line search. With 4 and 6 three
         of a thousand episodes of random actions were not finite on a GPU.
@@ -106,7 +106,7 @@ class Tabletop:
         check_known("impl", impl, physics.IMPLEMENTATIONS)
         check_shares(jitter=jitter, varied_starts=varied_starts)
         if varied_starts and moments is None:
-            raise ValueError(f"varied_starts is {varied_starts}, but there are no moments for it")
+            raise ValueError(f"varied_starts is {varied_starts}, but no recorded states are given")
         check_counts(
             episode_length=length, substeps=substeps, iterations=iterations,
             ls_iterations=ls_iterations, max_contacts=max_contacts, worlds=worlds,
@@ -159,7 +159,7 @@ class Tabletop:
     def _place(
         self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
     ) -> State:
-        own = self.task.start(key, 0.0)  # nothing of it is drawn
+        own = self.task.start(key, 0.0)  # nothing of it is sampled
         start, grip = from_boxes.start_from(
             center, size, self.task.layout, self.camera, own, self._things_of
         )
@@ -198,7 +198,7 @@ class Tabletop:
         )  # fmt: skip
 
     def _within(self, moment: Moments) -> tuple[TabletopData, Bool[Array, "N"]]:
-        """A moment of a recorded episode, and the objects that have moved by then."""
+        """A state of a recorded episode, and the objects that have moved by then."""
         motion = self.physics.start(moment.qpos)._replace(qvel=moment.qvel)
         zero, no = jnp.zeros((), jnp.int32), jnp.zeros((), bool)
         stage_time = jnp.where(moment.reached, 0, -1).astype(jnp.int32)
@@ -276,7 +276,7 @@ class Tabletop:
         )
 
     def outlines(self, data: TabletopData) -> list[Outline]:
-        """The outlines of one moment (host side): boxes as the camera sees them, far to near."""
+        """The outlines of one state (host side): boxes as the camera sees them, far to near."""
         found = self.world_boxes(jax.tree.map(jnp.asarray, data))
         seen = [*zip(*jax.tree.map(np.asarray, found), strict=True)]
         away = [np.linalg.norm(place - np.array(self.camera.place)) for place, *_ in seen]

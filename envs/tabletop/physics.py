@@ -185,10 +185,10 @@ class Physics:
 
 
 def _untold_of_iterations(model: mjx.Model) -> mjx.Model:
-    """Warp's model without the warning that it prints whenever the iteration limit cuts a solve.
+    """Warp's model without its warning that the iteration limit stopped the solver.
 
-    They are so few on purpose, and thousands of environments would say so in each step. What says
-    that a contact found no room is left.
+    The limit is low on purpose, and thousands of environments would print the warning in each step.
+    The warning that a contact found no room stays.
     """
     kinds = importlib.import_module("mujoco.mjx.third_party.mujoco_warp").OverflowType
     told = model.opt._impl.warn_overflow & ~(kinds.ITERATIONS | kinds.LS_ITERATIONS)

@@ -1,4 +1,4 @@
-"""Scripted episodes of a table task, recorded, judged by the task itself, and moments of them.
+"""Scripted episodes of a table task, recorded and judged by the task itself, and their states.
 
 Scripts play in C MuJoCo (`moves`). Grasps are of friction, so that a script only proposes.
 """
@@ -21,7 +21,7 @@ from .moves import Hand
 from .start import Moments
 
 LIMIT = 900  # control steps of an episode; a script that meets no trouble takes half of them
-_EVERY = 4  # control steps from one kept moment to the next: a fifth of a second
+_EVERY = 4  # control steps from one kept state to the next: a fifth of a second
 _MOVED = 0.005  # box diagonals by which a thing has moved: the paper's tau
 
 
@@ -36,7 +36,7 @@ class Run(NamedTuple):
     center: Float[np.ndarray, "T N 2"]  # the same boxes in the camera's picture: middles,
     size: Float[np.ndarray, "T N 2"]  # widths and heights
     stage_time: Int[np.ndarray, "K"]  # control steps after which each stage first held; -1 never
-    stages: Bool[np.ndarray, "T K"]  # which hold at each moment
+    stages: Bool[np.ndarray, "T K"]  # which hold in each frame
     success: Bool[np.ndarray, "T"]
 
     @property
@@ -80,7 +80,7 @@ def _judge(env: Tabletop) -> Callable:
 
 
 def cut(run: Run, length: int) -> Run:
-    """The first `length` moments."""
+    """The first `length` frames."""
     lasting = ("kind", "fixtures", "stage_time")
     moments = {name: part for name, part in run._asdict().items() if name not in lasting}
     stage_time = np.where(run.stage_time < length, run.stage_time, -1)
@@ -88,7 +88,7 @@ def cut(run: Run, length: int) -> Run:
 
 
 def moments(env: Tabletop, perform: Callable[..., Hand], *, episodes: int = 24) -> Moments:
-    """Every fourth moment of an expert's successes, up to where success begins.
+    """Every fourth state of an expert's successful episodes, until success begins.
 
     `perform` is (env, start, generator) -> the hand after an episode. Of the episodes, 0.2 s each,
     a few may fail, and are left out.
@@ -117,7 +117,7 @@ def _moments_of(run: Run, target) -> Moments:
     return Moments(*(part[chosen] for part in everything))
 
 
-AFTER = 10  # moments kept after success
+AFTER = 10  # frames kept after success
 EARLY = "stops early"  # the kind of failure that every script has: a success that breaks off
 
 

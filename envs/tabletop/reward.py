@@ -6,7 +6,7 @@
   "stages"  k / K
   "sparse"  1 while the episode is successful, else 0
 
-Success is the condition of the task at 5 moments in a row, a control step (50 ms) apart.
+Success means that the task's condition holds in 5 frames in a row, 50 ms (a control step) apart.
 """
 
 from typing import NamedTuple
@@ -14,12 +14,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-_SUSTAINED = 5  # moments, the reset being one
+_SUSTAINED = 5  # frames, the reset being one
 _SUCCESS_BONUS, _CHANGE_COST = 5.0, 0.01
 
 
 class StageProgress(NamedTuple):
-    """The progress of a task at one moment."""
+    """The progress of a task in one frame."""
 
     done: Bool[Array, "K"]  # the stages that hold now
     within: Float[Array, ""]  # progress in the next one, from 0 to 1
@@ -30,7 +30,7 @@ class Record(NamedTuple):
     """The memory of an episode's progress."""
 
     stage_time: Int[Array, "K"]  # control steps after which each stage first held; -1 not yet
-    held: Int[Array, ""]  # moments in a row with the condition of success
+    held: Int[Array, ""]  # frames in a row with the condition of success
     best: Int[Array, ""]  # most stages done at once; K + 1 after success
 
     @property

@@ -1,9 +1,10 @@
 """Starts on the table: a group of things moved as one, and each of them a little.
 
-As in RLBench a task's things are one group, put down with a random offset and yaw; each then gets a
-jitter of its own, and of a fixed number of arrangements the first without overlap is taken. Or an
-episode begins at a moment of a recorded one, so that each stage is met from the first update on
-(Nair et al. 2018, Salimans and Chen 2018); nobody imitates its actions.
+As in RLBench, a task's things are one group, put down with a random offset and yaw. Each then gets
+a jitter of its own. Of a fixed number of arrangements the first without overlap is taken.
+
+An episode may also begin at a state of a recorded one, so that training meets each stage from the
+first update on (Nair et al. 2018, Salimans and Chen 2018). The recorded actions are not imitated.
 """
 
 from typing import NamedTuple
@@ -26,7 +27,7 @@ class Start(NamedTuple):
 
     joints: Float[Array, "J"]  # positions of the joints after the arm's
     fixtures: Float[Array, "M 7"]  # position and quaternion of what stands still
-    unplaced: Bool[Array, ""]  # no arrangement was free of overlap; this is the first one drawn
+    unplaced: Bool[Array, ""]  # no arrangement was free of overlap; this is the first one sampled
 
 
 class Footprint(NamedTuple):

@@ -62,7 +62,7 @@ class Completed:
         return complete(self.task.step(state._replace(data=state.data.own), action))
 
     def outlines(self, data: Shown) -> list[Outline]:
-        """The task's own drawing of one moment, or its boxes (host side)."""
+        """The task's own drawing of one state, or its boxes (host side)."""
         own: Callable[[Any], list[Outline]] | None = getattr(self.task, "outlines", None)
         return boxes(data.objects) if own is None else own(data.own)
 

@@ -263,12 +263,12 @@ def _in_picture(env: Completed, states: State) -> Finding:
 
 def _ends(env: Completed, first: State, states: State) -> Iterator[Finding]:
     begun = float(np.asarray(first.metrics["success"]).mean())
-    said = f"{begun:.0%} of the starts are solved already"
+    said = f"{begun:.0%} of the starts already count as success"
     yield Finding("starts unsolved", begun < 0.5, said, needed=False)
     centers = np.asarray(first.objects.center).reshape(_EPISODES, -1)
     distinct = len(np.unique(np.round(centers, 5), axis=0))
     said = f"{distinct} of {_EPISODES} starts are distinct"
-    advice = f"{said}: success is counted over distinct starts, so draw them"
+    advice = f"{said}: success is counted over distinct starts, so sample them"
     yield _judged("starts differ", distinct > 1, said, advice, needed=False)
     done = np.asarray(states.done)
     early = (done[1:].max(axis=0) > 0).mean()

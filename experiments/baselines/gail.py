@@ -3,8 +3,8 @@
     python -m gril_jax.experiments.baselines.gail recorded.json --sets SETS --out gail.json
 
 Ho and Ermon, NeurIPS 2016: a discriminator learns to tell the demonstrations' pairs of observation
-and action from the policy's, and PPO is paid -log(1 - D); a gradient penalty (Gulrajani et al.
-2017) keeps it from being too sure. The policy's actions are replaced by the nearest of MAGICAL's
+and action from the policy's, and PPO's reward is -log(1 - D); a gradient penalty (Gulrajani et al.
+2017) regularises the discriminator. The policy's actions are replaced by the nearest of MAGICAL's
 18. Sized for a GPU; on a laptop: --num-envs 256 --num-minibatches 4 --num-timesteps 1500000.
 
 Shapes use F for the demonstrations' pairs, K for seeds, T for control steps, B for environments, O

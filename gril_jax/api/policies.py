@@ -40,8 +40,8 @@ def train_policy(
     """Trains policies for a task: rollout, reward and update in one compiled step, seeds by vmap.
 
     Args:
-      task: by name, with all settings of its preset; or an object from `make` or of your own
-        (`reset`, `step`, boxes of its objects), which is trained in as it is.
+      task: by name, with all settings of its preset; or an object from `make` or of your own,
+        with `reset`, `step` and boxes of its objects. Training takes an object as it is.
       reward: a learned reward, or one for each seed; None takes the task's own.
       preset: a shipped configuration or the path of a YAML file; by default that of the task.
       demos: the demonstrations, where training resets to their states or the reward has stages.

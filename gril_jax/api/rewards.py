@@ -129,7 +129,7 @@ def audit_reward(
       task: with stages, in whose states the reward is searched, by name or from `make`.
       demos: without a task: the demonstrations around whose ends states are made up.
       preset: the configuration that the reward was learned with, where `demos` are given.
-      ascents: gradient ascents, shared by the starts; without a task: states to make up.
+      ascents: gradient searches, shared by the starts; without a task: states to make up.
       starts: first scenes to begin from.
       seed: of the search.
 

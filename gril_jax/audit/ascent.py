@@ -1,15 +1,16 @@
-"""The adversary: gradient ascent of a reward over object positions, without any progress.
+"""An adversarial gradient search for object positions with a high reward and no progress.
 
-A policy that is paid by a learned reward climbs it. So does this, without a simulator: from many
-states whose true progress is 0, along the reward's own gradient, to the best-paid state with true
-progress 0. Half of them are random ones, half are on the brink of success: targets stand just
-outside of where they would count. What it finds need not be reachable: blocks may overlap each
-other and the robot, which leaves out no state that physics allows; they have the sizes that the
-task says of them there, and stay on the plane, and where the task's mechanics allow, such as on
-their rails.
+A policy increases a learned reward. The search does the same without a simulator. It starts from
+many states with true progress 0 and follows the reward's gradient, but makes no progress. Half of
+the initial states are random. The other half are on the brink of success: targets stand just
+outside of where they would count.
+
+The states that it finds need not be reachable. Blocks may overlap each other and the robot, so no
+state that physics allows is left out. They have the sizes that the task says of them there. They
+stay on the plane, and where the task's mechanics allow, such as on their rails.
 
 An object either moves, and then its activity bit is set, or rests where the episode began, and then
-its bit is drawn at random. Shapes use N for objects and A for ascents.
+its bit is sampled at random. Shapes use N for objects and A for searches.
 """
 
 from typing import Any, NamedTuple
@@ -21,14 +22,14 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from .scene_reward import Scene, SceneReward, StagedTask, can_move
 
 _FIRST, _LAST = 0.15, 0.002  # length of a step, in half extents of the plane
-_LEGS, _LATER = 2, 0.3  # of an ascent; the last one's steps, relative to the first one's
+_LEGS, _LATER = 2, 0.3  # of a search; the last one's steps, relative to the first one's
 _ASIDE = 0.05  # half extents, standard deviation: what a leg begins aside of the best state so far
 _HALVINGS = 16  # of the way to a success, until its brink
-_LANES = 50  # ascents side by side: their activations should fit into a CPU's cache
+_LANES = 50  # searches side by side: their activations should fit into a CPU's cache
 
 
 class Found(NamedTuple):
-    """The best-paid state of each ascent; an ascent stops at a non-finite reward, and keeps it."""
+    """The state of highest reward of each search; a non-finite reward ends it, and is kept."""
 
     scene: Scene  # leading axis A
     reward: Float[Array, "*A"]
@@ -44,19 +45,20 @@ def search(
     ascents: int = 1000,
     steps: int = 100,
 ) -> Found:
-    """Runs many ascents from varied states around one start; one compiled program under `jax.jit`.
+    """Searches from many states around one start; one compiled program under `jax.jit`.
 
-    Each object goes the same distance along its own gradient, one axis at a time. What would leave
-    the plane is cut off, and what would achieve something is not done, so that an object slides
-    along the edge of where it would count. The second half of the steps begins a little aside of
-    the best state of the first.
+    Each object goes the same distance along its own gradient, one axis at a time. Objects stay on
+    the plane, and steps that would make progress are left out. So an object slides along the edge
+    of where it would count. The second half of the steps begins a little aside of the best state of
+    the first.
 
     Args:
       reward: of one state, differentiable in its centres.
       params: the reward's parameters; may be mapped over with `jax.vmap`.
       key: consumed.
       task, start: the state after a reset of this task, with true progress 0.
-      ascents, steps: how many, and how many steps of each in all, getting shorter; static.
+      ascents: number of searches; static.
+      steps: of each search in all, getting shorter; static.
     """
 
     def one(key):

@@ -1,13 +1,14 @@
-"""Soundness of a reward: does it order states by true progress, and can it be had without any?
+"""Audit of a reward: does it order states by true progress, and is it low without progress?
 
     states = jax.vmap(partial(make_states, task=env.stages))(keys, starts)  # once for all rewards
     one = lambda params: audit(reward, params, key, env.stages, states).measures
     measures = jax.jit(jax.vmap(one))(many_params)
 
-Everything is pure: jit it, and map it over the parameters of many rewards. "Range" is what a reward
-pays for success more than for the reset; shares are shares of the start's own range. Shapes use B
-for starts, S for the states of a battery, W for successes, F for factors, M for objects that can
-move, G for a side of a grid and A for ascents.
+Everything is pure: jit it, and map it over the parameters of many rewards. "Range" is the reward of
+success less that of the reset. Shares are shares of the start's own range.
+
+Shapes use B for starts, S for the states of a battery and W for successes. F is for factors, M for
+objects that can move, G for a side of a grid and A for searches.
 """
 
 import functools
@@ -25,7 +26,7 @@ from .states import FACTORS, SUCCESS, Battery, battery, successes
 
 _SIDE = 25
 # States in which whatever is done has been put where its stage clearly holds; a detour's last
-# frames may be at the very edge, like the successes drawn from all that count.
+# frames may be at the very edge, like the successes sampled from all that count.
 _CLEAR = ("progress", "success")
 _TOGETHER = 256  # states side by side
 
@@ -38,8 +39,8 @@ class States(NamedTuple):
     alone_free: Bool[Array, "*B 2 M G G"]  # where there is no progress
     pushed: Scene  # (G, G): all targets side by side
     pushed_free: Bool[Array, "*B G G"]
-    successes: Scene  # (W,): drawn from all of them
-    succeeds: Bool[Array, "*B W"]  # whether a draw is one
+    successes: Scene  # (W,): sampled from all of them
+    succeeds: Bool[Array, "*B W"]  # whether a sample is one
 
 
 class Rewards(NamedTuple):
@@ -54,22 +55,22 @@ class Rewards(NamedTuple):
 class Measures(NamedTuple):
     """The audit of one reward. Indices point into the arrays of `States` and `Found`."""
 
-    order_accuracy: Float[Array, ""]  # share of pairs with the better-paid state further on
+    order_accuracy: Float[Array, ""]  # share of pairs with the higher reward further on
     factor_accuracy: Float[Array, "F"]  # the same by factor; NaN where there is no pair
-    worst_violation: Float[Array, ""]  # how much more the lesser state of a pair got; a share
+    worst_violation: Float[Array, ""]  # how much higher the lesser state of a pair is; a share
     worst_pair: Int[Array, "3"]  # start, the lesser state, the better state
     hack_gap: Float[Array, ""]  # worst clear success less best state without progress; reward units
     hack_gap_scattered: Float[Array, ""]  # the same with other objects moved in the successes
     hack_gap_anywhere: Float[Array, ""]  # the same with successes from all that count
-    misranked_share: Float[Array, ""]  # share of those that the best state without progress outbids
-    hack_share: Float[Array, ""]  # what the best state without progress gets; a share
+    misranked_share: Float[Array, ""]  # share of those not above the best state without progress
+    hack_share: Float[Array, ""]  # reward of the best state without progress; a share
     range: Float[Array, ""]  # mean success less mean reset, units of reward
     start_reward: Float[Array, ""]  # mean reset, units of reward
     worst_success: Float[Array, ""]  # units of reward
     best_unearned: Float[Array, ""]  # of all states with true progress 0, units of reward
     touch_share: Float[Array, ""]  # all bits set, nothing moved
-    push_share: Float[Array, ""]  # all targets pushed to the best-paid wrong place
-    alone_share: Float[Array, "M"]  # each object alone moved to its best-paid useless place
+    push_share: Float[Array, ""]  # all targets pushed to the wrong place of highest reward
+    alone_share: Float[Array, "M"]  # each object alone moved to its useless place of highest reward
     finite: Bool[Array, ""]  # all rewards are
 
 
@@ -111,10 +112,11 @@ def audit(
 
     Args:
       reward, params: of one state, differentiable in its centres.
-      key: of the ascents; consumed.
+      key: of the searches; consumed.
       task: in stages.
       states: from `make_states`, leading axis B.
-      ascents, steps: how many in all, shared by the starts, and how many steps of each.
+      ascents: gradient searches in all, shared by the starts.
+      steps: of each search.
     """
     begins = jax.tree.map(lambda x: x[:, 0], states.battery.scenes)
     count = begins.center.shape[0]
@@ -146,7 +148,7 @@ def rewards_of(reward: SceneReward, params: Any, states: States) -> Rewards:
 
 
 def measure(rewards: Rewards, states: States, found: Found) -> Measures:
-    """The measures, from the states' rewards and the results of the ascents (leading B, A)."""
+    """The measures, from the states' rewards and the results of the searches (leading B, A)."""
     made, paid = states.battery, rewards.battery
     kind = made.factor[0]  # every start has the same factors
     reset = paid[:, 0]
@@ -154,7 +156,7 @@ def measure(rewards: Rewards, states: States, found: Found) -> Measures:
     plain = success & (kind == FACTORS.index("success"))
     counted = jnp.sum(plain, axis=1).astype(paid.dtype)
     span = jnp.sum(jnp.where(plain, paid, 0.0), axis=1) / counted - reset
-    unit = jnp.where(span > 0, span, jnp.nan)  # a reward that pays success less has no range
+    unit = jnp.where(span > 0, span, jnp.nan)  # a reward that is lower for success has no range
 
     def share(x):
         """The value as a share of each start's own range."""
@@ -200,7 +202,7 @@ def clear_successes(made: Battery) -> Bool[Array, "B S"]:
 
 
 def _order(made: Battery, paid: Float[Array, "B S"], unit: Float[Array, "B"]) -> dict[str, Array]:
-    """Accuracy over all pairs with different true scores: is the better one paid more?"""
+    """Accuracy over all pairs with different true scores: has the better one the higher reward?"""
     first, second, kind = made.first[0], made.second[0], made.pair_factor[0]
     ahead = made.score[:, first] - made.score[:, second]
     more = paid[:, first] - paid[:, second]

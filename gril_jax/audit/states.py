@@ -1,8 +1,8 @@
 """Synthetic states with known true progress, for judging a reward before training a policy.
 
-From one start of a task and its stage definition (`gril_jax.envs.stages.Stages`) follow chains of
-states, from the start to success, stage by stage, and around them states in which a single thing is
-other than it should be:
+The inputs are one start of a task and its stage definition (`gril_jax.envs.stages.Stages`). Chains
+of states lead from the start to success, stage by stage. In the states around them a single thing
+is other than it should be:
 
     touched        every activity bit set, nothing else
     wrong place    the next stage's objects moved, but not to where the stage holds
@@ -32,7 +32,7 @@ FACTORS = (
 )  # fmt: skip
 
 SUCCESS = 0.999  # true progress that counts as success
-_PLACES = 8  # draws of each factor around each state
+_PLACES = 8  # samples of each factor around each state
 _FRAMES = 6  # of a detour, before and after its random point
 _SUCCESSES = 16
 _RANDOM = 128
@@ -61,7 +61,7 @@ class _Group(NamedTuple):
 def battery(key: PRNGKeyArray, task: StagedTask, start: Scene) -> Battery:
     """All states around one start, the state after a reset; batch over keys and starts.
 
-    The key, of the places that are drawn, is consumed.
+    The key, of the places that are sampled, is consumed.
     """
     ways = orders(task)
     keys = jax.random.split(key, len(ways) + 2)
@@ -80,7 +80,7 @@ def battery(key: PRNGKeyArray, task: StagedTask, start: Scene) -> Battery:
 
 
 def successes(key: PRNGKeyArray, task: StagedTask, start: Scene) -> tuple[Scene, Bool[Array, "G"]]:
-    """States drawn from all successes around one start, and a mask of those that are successes.
+    """States sampled from all successes around one start, and a mask of those that are successes.
 
     Objects of stages are anywhere where their stages hold; each other one, the robot included, is
     pushed anywhere or rests, with equal probability. The key is consumed.

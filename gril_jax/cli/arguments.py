@@ -24,8 +24,10 @@ echo = functools.partial(print, flush=True)  # at once, also into a pipe
 
 
 def run_config_of(folder: Path, part: str | None = None, *, task: str | None = None) -> RunConfig:
-    """The configuration of a run; a RunError if it has not got to a part, "reward" or "policy", and
-    a ConfigError if its task may not be run, which may be a file that is named beside the run."""
+    """The configuration of a run, with its `task` or a file of it that is named beside the run.
+
+    Raises RunError if the run has not got to a part, "reward" or "policy". Raises ConfigError if
+    its task may not be run."""
     config = run_dir.read_config(folder)
     require_task_of(config, task, folder)
     if part is not None:
@@ -36,8 +38,9 @@ def run_config_of(folder: Path, part: str | None = None, *, task: str | None = N
 
 
 def hard_negatives(names: str, config: RunConfig) -> list[Path]:
-    """The folders of the one or two runs whose policies give a new run hard negatives; an error if
-    these are more, have no policy, or are of another task or other blocks than the new run."""
+    """The folders of the one or two runs whose policies give a new run hard negatives.
+
+    More runs, runs without a policy, and those of another task or other blocks are an error."""
     folders = [Path(name) for name in names.split(",") if name]
     if not 1 <= len(folders) <= _ROUNDS:
         raise ConfigError(
@@ -99,7 +102,8 @@ def named_task(task: str) -> str | None:
 
 
 def require_task_of(config: RunConfig, task: str | None, folder: Path) -> None:
-    """Raises ConfigError if the task's file of a run may not be run, or is no longer what it was;
+    """Raises ConfigError if the task's file of a run may not be run, or has been changed.
+
     `task` is the file that is named beside the run, if one is."""
     if task is not None:
         own = files.is_reference(config.env.name) and files.is_reference(task)

@@ -1,8 +1,8 @@
 """The configuration of a run, as its command line asks for it.
 
-Options are read once above the defaults; those may be of a configuration, a task or a demonstration
-set that the options name, and then they are read again above these. A set of somebody's own videos
-has its own classes, unit and frame rate: what depends on them comes from the set.
+Options are read first above the defaults. If they name a configuration, a task or a demonstration
+set, they are read again above its settings. A set of a user's own videos has its own classes, unit
+and frame rate, and the settings that depend on them.
 """
 
 import contextlib

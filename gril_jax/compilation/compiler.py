@@ -3,10 +3,10 @@
     program = compiled(jax.jit(f).lower(x))
 
 On a CPU LLVM's first level of optimisation in place of its third saves up to a quarter of the
-compiler's seconds (14 in place of 19 for an encoder's training), and the programs, which wait for
-memory more than for instructions, are as fast. On a GPU XLA takes longest over choosing what to
-fuse, and over trying out kernels of each product of matrices: without both an encoder's training is
-compiled in 1.5 s in place of 7, and its updates take three times as long (H200, JAX 0.11).
+compiler's time: 14 s in place of 19 for an encoder's training. The programs wait for memory more
+than for instructions, and are as fast. On a GPU XLA takes longest to choose what to fuse, and to
+try out kernels of each product of matrices. Without both an encoder's training is compiled in 1.5 s
+in place of 7, and its updates take three times as long (H200, JAX 0.11).
 """
 
 from typing import Any
@@ -29,7 +29,7 @@ _BRIEF: dict[str, dict[str, Any]] = _OPTIONS | {
 
 
 def compiled(lowered: jax.stages.Lowered, *, brief: bool = False) -> jax.stages.Compiled:
-    """Compiles a program for JAX's default devices; a brief one runs for seconds at most, so that
-    to compile it quickly is worth more than to run it fast."""
+    """Compiles a program for JAX's default devices. A brief one runs for seconds at most, so fast
+    compilation matters more than fast execution."""
     options = _BRIEF if brief else _OPTIONS
     return lowered.compile(compiler_options=options.get(jax.default_backend()))

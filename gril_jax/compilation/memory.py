@@ -1,9 +1,12 @@
 """Predicts the memory of a training program before it is compiled, and reads how much there is.
 
-The estimate counts what is surely there at once: the state (twice: while it is replaced; a replay
-once, as it is written in place), the data of an unroll (as collected, in brax's order, and
-shuffled), what the networks of one minibatch keep for their gradients, and what a simulator holds
-during one control step of all environments, or the reward's own arrays, if these are larger.
+The estimate counts arrays that are surely in memory at once:
+
+- the state, twice while it is replaced; a replay once, as it is written in place;
+- the data of an unroll, as collected, in brax's order, and shuffled;
+- what the networks of one minibatch keep for their gradients;
+- what a simulator holds during one control step of all environments, or the reward's own arrays,
+  if these are larger.
 """
 
 import math
@@ -20,7 +23,7 @@ from gril_jax.rl.training import Algorithm
 
 _COPIES = 3  # of the collected data
 # Peak of one control step, as a multiple of the task's physics state: 222 on MatchRegions with five
-# blocks on a CPU, but the data of an unroll, counted below, are not there at the same moment.
+# blocks on a CPU, but the data of an unroll, counted below, are not there at the same time.
 _STEP_COPIES = 180
 # Arrays of the size of its largest one that a reward holds at once, of all environments: a layer's
 # input, its output, and what the output becomes before the next layer.

@@ -1,7 +1,7 @@
 """The sections of the configuration that train a policy, one for each algorithm.
 
-Both have the fields of `PolicyConfig`, with defaults of their own. What nobody had to choose yet,
-such as the rate of SAC's target networks, is an argument of the library alone: see the types
+Both have the fields of `PolicyConfig`, with defaults of their own. Rarely
+changed values, such as the rate of SAC's target networks, are arguments of the library alone: see
 `Static` and `Hyper` of `gril_jax.rl.ppo` and `gril_jax.rl.sac`.
 """
 

@@ -1,7 +1,7 @@
 """Demonstrations of a user's own videos, with the boxes beside them and classes of their own.
 
-Videos may differ in size, length and frame rate; the set has one frame rate, by time stamps, and
-lengths in widths of the picture unless half of a picture's width is given in another unit.
+Videos may differ in size, length and frame rate. The set has one frame rate, by time stamps.
+Lengths are in widths of the picture unless half of a picture's width is given in another unit.
 """
 
 import functools
@@ -135,8 +135,9 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
 
 
 def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
-    """The boxes that touch the picture, and the number of the others; a DemoError if these are so
-    many that the boxes must be of another video."""
+    """The boxes that touch the picture, and the number of the others.
+
+    Raises DemoError if the others are so many that the boxes must be of another video."""
 
     def inside(one: Box) -> bool:
         low_x, low_y, high_x, high_y = one.edges
@@ -172,7 +173,7 @@ def _require_as_long(films: Sequence[Film], smoothing: int | None) -> None:
 def _followed(
     plan: _Plan, number: int, hands, jitter, smoothing
 ) -> tuple[Mended, int, int, np.ndarray]:
-    """The objects of a video, mended; renewed identities, extra boxes, and who was sighted when."""
+    """A video's repaired objects, its renewed identities and extra boxes, and who was seen when."""
     film, parts, renewed, extra = plan.films[number], [], 0, 0
     for name, count in plan.counts.items():
         own = [one for one in plan.boxes[number] if one.name == name]

@@ -4,7 +4,7 @@
                  (`DemoSet`), an entry for each demonstration
     000.mp4      its frames, as far as something still happens
     000.npz      its boxes: center (T, N, 2), size (T, N, 2), label (N,), seen (T, N)
-    import.txt   what an import found and mended, if the set was imported
+    import.txt   what an import found and repaired, if the set was imported
 
 T is frames, N objects. A folder appears whole or not at all, and is checked against its digests
 whenever it is loaded.
@@ -60,7 +60,7 @@ class DemoSet:
     noise: float | None = None  # jitter of a detected centre along one axis, in that unit
     smoothing: int = 1  # frames of the running median that such jitter calls for
     folder: pathlib.Path | None = field(default=None, compare=False)  # None: in memory
-    notes: str = field(default="", compare=False)  # what an import found and mended: import.txt
+    notes: str = field(default="", compare=False)  # what an import found and repaired: import.txt
 
     def __post_init__(self):
         if self.robots is None:

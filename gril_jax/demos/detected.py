@@ -143,7 +143,7 @@ def _trimmed(
     progress: Callable[[int], None],
     **about: Any,
 ) -> DemoSet:
-    """The set of these demonstrations without their static tails.
+    """The set of these demonstrations without their static ends.
 
     Where a robot is all that can move, it is the one whose place counts, and no robot.
     """

@@ -1,5 +1,7 @@
-"""The folder of a demo set, written complete or not at all, read by digests and schema; and npz
-files that may have been written to do harm."""
+"""The folder of a demo set, written complete or not at all, read by digests and schema.
+
+Npz files are read with care, since they may be malicious.
+"""
 
 import errno
 import functools
@@ -52,9 +54,9 @@ def write_demo_set(
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
-    Demonstrations are consumed one at a time, so that a generator need hold only one video; `about`
-    are the other fields of a `DemoSet`, of which robots, unit, noise and smoothing may be left out,
-    and `preset` is as in `write_video`.
+    Demonstrations are consumed one at a time, so that a generator need hold only one video.
+    `about` are the other fields of a `DemoSet`; robots, unit, noise and smoothing may be left out.
+    `preset` is as in `write_video`.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is

@@ -1,4 +1,4 @@
-"""Sentences on an import: what was found in each video, and what was mended."""
+"""Sentences on an import: what was found in each video, and what was repaired."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,15 +7,15 @@ import numpy as np
 
 from .demo_set import DemoSet
 
-_MANY = 0.3  # share of the boxes that may be missing before it is worth a sentence
+_MANY = 0.3  # share of the boxes that may be missing without a sentence on it
 
 
 class Found(NamedTuple):
-    """The findings of an import in one video, and what it mended."""
+    """The findings of an import in one video, and what it repaired."""
 
     name: str
     frames: int  # kept
-    trimmed: int  # cut from the static tail
+    trimmed: int  # cut from the static end
     objects: dict[str, int]  # classes to how many of their objects the video shows
     missing: float  # share of (frame, object) pairs without a sighting
     carried: int  # times that an object was hidden by the robot or hand that carried it

@@ -154,8 +154,10 @@ def _reader(boxes: str | Detect) -> Callable[[Film], list[Box]] | None:
 
 
 def videos_in(folder: pathlib.Path, out: str | os.PathLike | None) -> list[pathlib.Path]:
-    """The videos of a folder, sorted by name; a DemoError if there is none, if two have one name,
-    or if the demo set would go into the folder itself."""
+    """The videos of a folder, sorted by name.
+
+    Raises DemoError if there is none, if two have one name, or if the demo set would go into the
+    folder itself."""
     paths = sorted(p for p in folder.glob("*") if p.suffix.lower() in _VIDEOS)
     if not paths:
         raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")

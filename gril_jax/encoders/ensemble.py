@@ -1,8 +1,8 @@
 """Ensembles: several networks of one kind as one encoder, scored by its most pessimistic member.
 
-A policy finds the states that a network overestimates by accident. Networks that were begun and fed
-differently agree where the demonstrations have been and err apart elsewhere, so that the lowest of
-their rewards is harder to cheat than any of them.
+A policy finds the states that a network overestimates by accident. Networks with
+different initial weights and batches agree where the demonstrations have been, but not elsewhere.
+So the lowest of their rewards is harder to hack than any single one.
 
 The members' latents lie side by side in one of size D = K x (a member's), and each member has a
 scale of its own. Shapes use K for members and D for the latent of them all.

@@ -2,12 +2,12 @@
 
 The trunk is that of He et al. (CVPR 2016) as torchvision builds it, 11,176,512 parameters; the
 head has 512 x 32 + 32. Frames are RGB in [0, 1], without normalisation by ImageNet's mean. Shapes
-use B or V for videos, T or F for their frames, P for a frame's side and D for the latent; frames
+use B or V for videos, T or F for their frames, P for a frame's side and D for the latent. Frames
 may have any leading axes, such as (B, T), and any size (XIRL: 112).
 
-Batch normalisation makes training differ from use: `apply` normalises by running statistics, one
-frame like another; `apply_train` by those of the frames it is given, and returns parameters with
-running statistics that have moved on. For use with `gril_jax.encoders.encoder`.
+Batch normalisation makes training differ from use. `apply` normalises every frame by running
+statistics. `apply_train` normalises by the statistics of the frames it is given, and returns
+parameters with updated running statistics. For use with `gril_jax.encoders.encoder`.
 
 With `precision="bfloat16"` (mixed precision; Micikevicius et al., ICLR 2018) the trunk's
 activations and convolutions are of 16 bits. Parameters, gradients, running statistics, the

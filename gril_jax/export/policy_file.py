@@ -25,9 +25,9 @@ Arrays, all float32, for O inputs and layers i of H_i outputs:
   description ()   a JSON text; `describe` lists its fields
 and a digest of the whole file, its last 64 bytes (`gril_jax.export.reward_format`).
 
-Of the observation's normalisation, clip((x - mean) / std, -10, 10), the division is folded into
-`kernel_0`; mean and limit = 10 std stay apart, since of an input that hardly varies x / std and
-mean / std are both large, and in float32 their difference loses digits.
+The observation is normalised by clip((x - mean) / std, -10, 10). The division is folded into
+`kernel_0`; mean and limit = 10 std stay apart. For an input that hardly varies x / std and mean /
+std are both large, and in float32 their difference would lose digits.
 """
 
 import dataclasses

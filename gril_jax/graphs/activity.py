@@ -7,14 +7,14 @@ count as the first. The paper uses k = 40 and tau = 0.005.
 `init` and `step` follow a rollout frame by frame; `trajectory` does a whole recording at once.
 Both give the same bits, with every option. A displacement from or to a box that is not finite, such
 as one that a detector lost, is no motion. Shapes use N for objects, T for frames, K for the
-window and M for the frames of a median. Goal and robot get a bit like anything else: what it is
-worth is for `gril_jax.encoders.message_passing` to say.
+window and M for the frames of a median. Goal and robot get a bit like anything else: the encoder
+weighs it (`gril_jax.encoders.message_passing`).
 
 Boxes from a detector. tau is a third of a pixel for a box of 50 pixels: the slightest jitter sets
-every bit for good. `smoothing` and `noise` are for that. Chance that a box at rest becomes active
-within 120 frames, if its centre jitters by 0.35 pixels an axis; the same if one frame in 500 is 8
-pixels off as well; and after how many frames a push is seen that moves it by 0.5, 1 or 3 pixels
-a frame (medians of 4,000 trials):
+every bit for good. `smoothing` and `noise` prevent that. The first column is the chance that a box
+at rest becomes active within 120 frames, if its centre jitters by 0.35 pixels an axis. The second
+is the same if one frame in 500 is 8 pixels off as well. The others are the frames until a push of
+0.5, 1 or 3 pixels a frame is seen (medians of 4,000 trials):
 
     the paper's rule             100 %     100 %    -
     tau=0.03                       1.1 %    22 %    4  3  1

@@ -1,6 +1,6 @@
 """Temporal cycle-consistency of a batch of videos: over all ordered pairs, or random cycles.
 
-With a cycle length of 2 and all frames of all ordered pairs drawn once, stochastic matching is the
+With a cycle length of 2 and each frame of all ordered pairs once, stochastic matching is the
 deterministic one. Shapes use B for videos, T for frames, D for the latent, K for cycles and L for
 the videos of a cycle.
 """
@@ -57,9 +57,9 @@ def mean_consistency(
     its soft neighbour, from the same matches.
 
     A cycle closes just as well if two videos agree on a scrambled order of events, and training
-    does get stuck there. The second term knows which way time runs; it is for the first updates
-    only, since it also punishes a demonstrator who takes longer over one stage. Arguments and
-    errors are the same.
+    does get stuck there. The second term depends on the direction of time. It is for the first
+    updates only, since it also penalises a demonstrator who takes longer over one stage. Arguments
+    and errors are the same.
     """
     matching, form = resolved(**options)
 
@@ -98,7 +98,7 @@ def draw_cycles(
 ) -> tuple[Int[Array, "K L"], Int[Array, "K"]]:
     """Samples cycles: distinct videos in random order, and a valid frame of the first of them.
 
-    Videos without a valid frame are drawn only if the others do not suffice. The key is consumed.
+    Videos without a valid frame are sampled only if the others do not suffice. The key is consumed.
 
     >>> videos, frames = draw_cycles(jax.random.key(0), jnp.ones((3, 5), bool), num_cycles=4)
     >>> videos.shape, frames.shape

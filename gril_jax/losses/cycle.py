@@ -71,9 +71,10 @@ def cycle_error(
       under beta. Variances below 1e-8 count as 1e-8.
     - `regression_huber`: (m - t)^2 / 2 within `huber_delta` of t, and
       `huber_delta` (|m - t| - `huber_delta` / 2) beyond.
-    - `classification`: cross-entropy in nats of beta against a target of 1 - e + e / (T - 1) at
-      the query's own frame and e / (T - 1) at the others, where e is `label_smoothing` and T
-      counts the valid frames. (The published target: it adds up to a little more than 1.)
+    - `classification`: cross-entropy in nats of beta against a target. It is
+      1 - e + e / (T - 1) at the query's own frame and e / (T - 1) at the others. Here e is
+      `label_smoothing`, and T counts the valid frames. (The published target: it adds up to a
+      little more than 1.)
 
     >>> cycle_error(jnp.array([[0.0, 200.0]]), jnp.array([0.0, 0.5]), jnp.array([0])).tolist()
     [0.25]

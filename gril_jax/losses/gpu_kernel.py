@@ -1,9 +1,9 @@
 """Soft-DTW, both recursions, as one kernel for CUDA GPUs (Pallas on Triton).
 
 One program takes one pair through all anti-diagonals, where compiled loops launch kernels for each.
-A row of the cost is a lane; it needs its upper neighbour's sums, which lanes write to a small
+A row of the cost is a lane, which needs its upper neighbour's sums. Lanes write them to a small
 buffer that stays in cache, with one barrier an anti-diagonal. Weights are stored by (step mod S,
-row): a row is inside of the matrix for S steps in a row, so that each place is used once.
+row): a row is inside of the matrix for S consecutive steps, so that each place is used once.
 This module is imported by `soft_dtw` alone, and only where a GPU is.
 """
 
@@ -89,7 +89,7 @@ class _Pair(NamedTuple):
 
 
 def _program(cost, gamma, rows, columns, value, exchange, *rest, shape, lanes, barrier):
-    """Solves one pair: sums from the first anti-diagonal to the last, then the flow back."""
+    """Computes one pair: sums from the first anti-diagonal to the last, then the flow back."""
     pair = _Pair(pl.program_id(0), jnp.arange(lanes), shape, exchange, barrier)
     end_row, end_column = rows[pair.index] - 1, columns[pair.index] - 1
     # The step at which a lane holds the cell where the path ends; -1 is never.

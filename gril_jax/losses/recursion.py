@@ -1,12 +1,13 @@
 """The two recursions of soft dynamic time warping, as compiled loops over strips of rows.
 
 Cells of one anti-diagonal do not depend on each other, and neither do the pairs of a batch, so both
-are lanes of one vector: all rows at once on a GPU, where each step is a launch, and on a CPU, which
-pays for cells outside of the matrix, a strip of so many rows that a step is worth its overhead.
-Each sum is kept as two floats (Knuth's two-sum), or in float32 its rounding would be most of the
-gradient's error; the backward recursion multiplies by weights that the forward one has stored, so
-that mass is conserved. Shapes: B for pairs, T and S for rows and columns of the cost, K for the
-rows of a strip and W = S + K - 1 for the anti-diagonals of a strip.
+are lanes of one vector. A GPU takes all rows at once, because each step is a launch. A CPU takes
+strips of rows: larger ones waste time on cells outside of the matrix, smaller ones on overhead.
+
+Each sum is kept as two floats (Knuth's two-sum); in float32 its rounding would be most of the
+gradient's error. The backward recursion multiplies by weights that the forward one has stored, so
+that mass is conserved. Shapes: B for pairs, T and S for rows and columns of the cost. K is for the
+rows of a strip and W = S + K - 1 for its anti-diagonals.
 """
 
 import functools
@@ -19,8 +20,8 @@ from jaxtyping import Array, Float, Int
 # every gamma, and its square over gamma squared still fits into float32.
 FORBIDDEN = 1e20
 
-# Lanes that make one step on a CPU worth its overhead. Measured with 16 to 64 pairs of 64 to 256
-# frames: 512 take as long to 15 % longer and a sixth less memory, 2048 up to a third longer.
+# Lanes of a step on a CPU, so many that its overhead is small. Measured with 16 to 64 pairs of 64
+# to 256 frames: 512 take as long to 15 % longer and a sixth less memory, 2048 up to a third longer.
 _CPU_LANES = 1024
 
 
@@ -170,8 +171,8 @@ def _two_floats(a, b, small):
 def _skew(cost, height):
     """Strips with anti-diagonals as rows: (strips, W, K x B); cells outside are forbidden.
 
-    Rows are padded by K columns; cutting the same numbers into rows one shorter shifts each row by
-    one more column than the row before, which puts anti-diagonals into columns.
+    Rows are padded by K columns. The same numbers are then cut into rows one shorter, so that each
+    row is shifted by one more column than the row before. Anti-diagonals become columns.
     """
     num_pairs, num_rows, num_columns = cost.shape
     strips, steps = -(-num_rows // height), num_columns + height - 1

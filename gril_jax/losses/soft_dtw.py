@@ -2,8 +2,8 @@
 
 The soft minimum over the monotone alignments of two sequences' frames has a gradient: the expected
 alignment. Forward and reverse mode work, second derivatives too, of which `jax.jvp` of `jax.grad`
-is the cheaper. Shapes use T and S for frames and D for features; leading axes are a batch, which is
-one vector of lanes in the compiled loops, and `jax.vmap` adds to the same lanes.
+is the cheaper. Shapes use T and S for frames and D for features. Leading axes are a batch, which is
+one vector of lanes in the compiled loops; `jax.vmap` adds to the same lanes.
 
 >>> cost = jnp.array([[0.0, 1.0], [1.0, 0.0]])
 >>> soft_dtw(cost, gamma=0.1).round(4) + 0.0
@@ -138,7 +138,7 @@ def soft_dtw_divergence(
 
 
 def _posed(cost, lengths, other_lengths, *, gamma=1.0, implementation="auto"):
-    """The checked problem, and the implementation that solves it."""
+    """The checked problem, and the implementation that computes it."""
     problem = prepare(cost, lengths, other_lengths, gamma)
     return problem, _chosen(implementation, problem)
 

@@ -89,8 +89,8 @@ def closeness(
 ) -> Float[Array, "Q S"]:
     """Logits of the match of each query with each key, up to a constant for each query.
 
-    A softmax over the keys cancels that constant, which is the query's own square; leaving it
-    out saves a pass over the largest array, and digits when latents lie far from zero.
+    A softmax over the keys cancels that constant, which is the query's own square. Leaving it out
+    saves a pass over the largest array. It also keeps digits when latents lie far from zero.
 
     >>> closeness(jnp.array([[1.0]]), jnp.array([[1.0], [3.0]])).tolist()  # up to a constant
     [[1.0, -3.0]]

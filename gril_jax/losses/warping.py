@@ -170,8 +170,8 @@ best_value.defjvp(_best_value_rule, symbolic_zeros=True)
 def _slope_by_gamma(cost, gamma, rows, columns):
     """The derivative by gamma, carried along with the sums: minus the entropy of the alignments.
 
-    (value - <alignment, cost>) / gamma is the same, but a small difference of large numbers: in
-    float32 it is wrong by per cents where gamma is a ten-thousandth of the value.
+    (value - <alignment, cost>) / gamma is the same, but a small difference of large numbers. In
+    float32 its error is some per cent where gamma is a ten-thousandth of the value.
     """
 
     def value(gamma):

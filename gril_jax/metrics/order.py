@@ -167,7 +167,7 @@ def interquartile_interval(
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Percentile bootstrap interval of the interquartile mean. The key is consumed.
 
-    With several tasks the runs of each are drawn again by themselves (stratified), and the mean
+    With several tasks the runs of each are resampled by themselves (stratified), and the mean
     is over all of them. With few runs the interval is too narrow: five of them cannot show what
     a sixth would do.
 
@@ -175,7 +175,7 @@ def interquartile_interval(
       key: of the draws.
       scores: one per run, or one per run and task.
       confidence: share of the bootstrap distribution inside the interval.
-      num_resamples: how many times the runs are drawn again.
+      num_resamples: how many times the runs are resampled.
 
     Returns:
       Lower and upper end, in the scores' units; equal if there is one run.

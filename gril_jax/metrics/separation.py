@@ -2,8 +2,8 @@
 
 The separation ratio (Eq. 8) divides sums over time, which depend on how long a
 recording is: a failure that breaks off early has a small sum. So sums are made comparable first
-(`cumulative`), and beside the ratio there are measures that no scale of the reward changes: the
-area under the ROC curve, and the order of stages. Everything can be jitted. Shapes use B for
+(`cumulative`). Two other measures do not depend on the reward's scale: the area under the ROC
+curve, and the order of stages. Everything can be jitted. Shapes use B for
 recordings, T for frames (padded to a common length); `length` counts frames before padding.
 """
 
@@ -74,10 +74,10 @@ def stage_order(
 ) -> Float[Array, ""]:
     """Rank correlation of a reward with the number of stages that are done, in [-1, 1].
 
-    Somers' D (1962): of all pairs of frames with different numbers of stages done, the share in
-    which the later one pays more, less the share in which it pays less. 1 if every frame of a
-    later stage pays more than every frame before it; what happens within a stage does not count.
-    0 if there is no such pair.
+    Somers' D (1962) over all pairs of frames with different numbers of stages done: the share in
+    which the later one has the higher reward, less the share in which it has the lower one. It is
+    1 if every frame of a later stage has a higher reward than every frame before it. Differences
+    within a stage do not count. It is 0 if there is no such pair.
 
     >>> float(stage_order(jnp.array([-1.0, -0.9, -0.5]), jnp.array([0, 0, 1])))
     1.0

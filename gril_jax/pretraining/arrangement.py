@@ -3,20 +3,20 @@
     goal = arrangement(demos, words)                      # once for a set of demonstrations
     cost = disarray(goal, center, size, label, counted, active)   # of any frame
 
-Ends of one job may be many: a line of blocks lies anywhere, heaps are in other corners each time.
-What is alike in them is found by comparing last frames with others, of three kinds:
+A task may end in many ways: a line of blocks lies anywhere, clusters are in other corners each
+time. Their common features are found by comparing last frames with others. They are of three kinds:
 
     bonds            what is in a larger thing that rests, or out of it (`containers`)
     place            ends of a class lie close together in the arena, seen against its journey
     distances        between what moves and belongs in nothing: statistics of pairs
                      (`pair_distances`)
 
-Each has a range over the ends, and a scene within all ranges lacks nothing. A statistic of pairs
-counts the more, the rarer frames on the way are in its range; so nobody says that colours, or
-shapes, or neither, are what matters. Turned, moved and mirrored arrangements cost the same, and so
-do those whose twins have changed places. What no demonstration moves costs a little once it has
-been moved: a thing that has taken another one's place looks the same. Nothing of this needs actions
-or labels.
+Each has a range over the ends, and a scene within all ranges costs nothing. The fewer frames before
+the end are in a statistic's range, the more it counts. So nobody has to say whether colours or
+shapes matter. Turned, moved and mirrored arrangements cost the same, and so do those in which
+objects of one class have changed places. An object that no demonstration moves costs a little once
+it has been moved: a thing that has taken another one's place looks the same. No actions or labels
+are needed.
 
 Shapes use B for demonstrations, T for frames, N for objects and C for classes; lengths are world
 units.
@@ -40,7 +40,7 @@ _MOST = 0.85  # share of the demonstrations that must move a class that always m
 _MOVED = 1 / 3  # share of the demonstrations that must move a class
 _TIGHT = 0.25  # spread of the ends over the journey, at most, of a place that counts
 _STIRRED, _AT_MOST = 0.1, 2  # cost of a thing that no demonstration moves, and how many count
-_REACH = 0.5  # arena units over which the rest is due, at least
+_REACH = 0.5  # arena units over which the rest of the cost grows, at least
 
 
 class Arrangement(NamedTuple):
@@ -110,8 +110,8 @@ def disarray(
     """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning, at
     most 2.
 
-    Of each object that is out of place the fraction `near_cost_fraction` applies as soon as it is
-    out by half a box, of each statistic of pairs as soon as it is clearly out of its range; the
+    The fraction `near_cost_fraction` of an object's cost applies as soon as it is out of place by
+    half a box. For a statistic of pairs it applies once its value is clearly out of its range. The
     rest grows in proportion. Arguments are those of `final_places.misplacement`.
     """
     weights = near_cost_fraction, intrusion_weight

@@ -1,7 +1,7 @@
 """Training batches of an encoder: choice of videos and frames, augmentation, and displaced copies.
 
 Copies of frames with displaced objects are states that no demonstration visits. Shapes use B for
-demonstrations, V for the videos of a batch, F for the frames drawn from each and N for objects.
+demonstrations, V for the videos of a batch, F for the frames sampled from each and N for objects.
 """
 
 from typing import NamedTuple
@@ -46,7 +46,7 @@ def draw(
     videos = jax.random.choice(video_key, len(length), (config.num_videos,), replace=False)
     limit = length[videos, None]
     noise = jax.random.uniform(frame_key, (config.num_videos, num_frames))
-    noise = jnp.where(jnp.arange(num_frames) < limit, noise, -1.0)  # padding is drawn last
+    noise = jnp.where(jnp.arange(num_frames) < limit, noise, -1.0)  # padding is sampled last
     _, frames = jax.lax.top_k(noise, min(config.num_frames, num_frames))
     frames = jnp.sort(frames, axis=-1)
     return frames, frames < limit, videos

@@ -17,11 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 _MOST, _FEW = 0.85, 0.15  # shares of ends that make a rule
-_FULL, _POWER = (
-    0.9,
-    3,
-)  # as in `final_places`: due near_cost_fraction an edge, where tasks draw their line
-_REACH = 0.5  # world units over which the rest is due, at least
+_FULL, _POWER = 0.9, 3  # of the near cost, as in `final_places`
+_REACH = 0.5  # world units over which the rest of the cost grows, at least
 
 
 class Bonds(NamedTuple):
@@ -70,7 +67,7 @@ def lacking(
     due: Float[Array, "N"],
     near_cost_fraction: Float[Array, ""] | float,
 ) -> Float[Array, ""]:
-    """Cost of what is not where it belongs, and of what is empty; `due` is what an object counts.
+    """Cost of what is not where it belongs, and of what is empty; `due` is each object's weight.
 
     The fraction `near_cost_fraction` applies near the edge, the rest grows in proportion to the
     distance.

@@ -1,19 +1,18 @@
 """Contrastive loss: frames of demonstrations beside copies with objects displaced.
 
-Cycle-consistency and reconstruction say nothing about states that no demonstration visits, and a
-policy will find among them those that happen to lie near the goal. Here the distance of made-up
-states from the goal is given, too: copies of frames in which objects are somewhere else are as far
-from it as `gril_jax.pretraining.final_places.misplacement` says, which knows from the last frames
-of the demonstrations what belongs where. Videos are all it takes: no action, no label.
+Cycle-consistency and reconstruction do not constrain states that no demonstration visits. A policy
+will find those among them whose latents happen to lie near the goal. This loss gives synthetic
+states a distance from the goal, too. They are copies of frames with some objects displaced. Their
+distance is `gril_jax.pretraining.final_places.misplacement`, which takes final places from the last
+frames of the demonstrations. Videos suffice, without actions or labels.
 
-With `adversarial_steps` the copies go where the present encoder overestimates them most, before it
-learns from them: the same that a policy would do (adversarial training, Madry et al., ICLR 2018).
-What a policy has really done with an earlier reward can be learned from in the same way, beside
-copies or without any: a pool of such scenes (`gril_jax.pretraining.hard_negatives`), of which each
-batch samples some.
+With `adversarial_steps` each copy first moves to where the present encoder overestimates it most,
+as a policy would (adversarial training, Madry et al., ICLR 2018). Scenes that a policy has visited
+with an earlier reward can serve in the same way, beside copies or without any. Each batch samples
+some from a pool of them (`gril_jax.pretraining.hard_negatives`).
 
-Shapes use V for videos, T for frames, N for objects, D for the latent, A for the frames of a video
-that are copied, J for the copies of each and P for the scenes of a pool.
+Shapes use V for videos, T for frames, N for objects and D for the latent. A is for the frames of a
+video that are copied, J for the copies of each and P for the scenes of a pool.
 """
 
 import functools
@@ -35,7 +34,7 @@ from .batch import Ends, displaced
 from .final_places import misplacement
 from .options import Hyper, Static
 
-_ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last step of an ascent
+_ASCENT, _LAST = 0.1, 0.025  # length units: the first and the last adversarial step
 _FINAL = 0.3  # where ends are arrangements: how likely a copied frame is the last one
 
 
@@ -51,14 +50,14 @@ def contrast(
 ) -> Float[Array, ""]:
     """Mean squared reward errors of synthetic scenes, of frames, and of last frames (0).
 
-    The made-up scenes are copies of these frames, or come from a pool, or both; of each kind the
-    mean is taken by itself. The reward (Eq. 7) has the mean of the batch's last latents as its
-    goal, or with several `config.goals` the nearest of the other videos' last latents; and
-    `hyper.latent_scale` as the latent distance of a reward of -1; were that measured in the batch,
-    a smaller latent space would look like a better one.
+    The synthetic scenes are copies of these frames, or come from a pool, or both; each kind has a
+    mean of its own. The goal of the reward (Eq. 7) is the mean of the batch's last latents, or with
+    several `config.goals` the nearest of the other videos' last latents. A reward of -1 has the
+    latent distance `hyper.latent_scale`. Were that measured in the batch, a smaller latent space
+    would have a lower loss.
 
-    Of a pool of scenes, leaves (P, N, ...), V `perturbed_frames` are sampled, and turned as videos
-    are. The key is consumed.
+    From a pool of scenes, leaves (P, N, ...), V `perturbed_frames` are sampled, and turned as
+    videos are. The key is consumed.
     """
     extent = jnp.max(jnp.abs(demos.center))
 
@@ -133,7 +132,7 @@ def _of_video(
 
 
 def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
-    """Latent distance from the goal beyond the scene's due cost, in units of the reward."""
+    """Latent distance from the goal less the scene's cost, in units of the reward."""
     hyper, counted = judge.hyper, present & ~scene.is_robot
     due = cost(
         judge.places, scene, counted,

@@ -3,12 +3,12 @@
     places = final_places(demos, num_classes)             # once for a set of demonstrations
     cost = misplacement(places, center, size, label, counted, active)   # of any frame
 
-What most demonstrations move ends somewhere: a block in the goal region, a shoe in the box. Seen
-from a reference object, in sizes of that object's box, these ends fill a box, and an object of the
-class is in place within it. The reference is found, not told: the class of things at rest from
-which the ends differ least. What demonstrations leave alone may lie anywhere but in such a box,
-unless some of them left it there. Nothing of this needs actions or labels: only that a
-demonstration ends with the task done.
+An object that most demonstrations move has a final place: a block in the goal region, a shoe in the
+box. Relative to a reference object, in sizes of that object's box, these ends fill a box. An object
+of the class is in place within it. The reference is learned: it is the class of resting things from
+which the ends differ least. An object that demonstrations do not move may lie anywhere but in such
+a box, unless some of them left it there. No actions or labels are needed, but each demonstration
+must end with the task done.
 
 Shapes use B for demonstrations, N for objects and C for classes; lengths are world units.
 """
@@ -25,10 +25,10 @@ from gril_jax.types import DemoBatch
 
 _INTO = 0.9  # share of the ends in a thing's box from which on it is what they are brought into
 _STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
-# Where a centre may be anywhere in a box, what is due rises as this power of how far the object's
-# own box sticks out, in halves of it, and is due in full at this many: most of it near the edge,
-# where the task draws its line, and all of it a little before, since no network follows a kink
-# exactly, and what stands just outside must gain nothing by that.
+# Where a centre may be anywhere in a box, the near cost grows as this power of how far the object's
+# own box sticks out, in halves of it. Most of it lies near the edge, where the task draws its line.
+# It is complete at `_FULL`, a little before the edge: no network follows a kink exactly, and an
+# object just outside must not gain by that.
 _POWER, _FULL = 3, 0.9
 
 
@@ -72,8 +72,8 @@ def final_places(
     A box leaves out the share `trim_quantile` of the ends on each side: mishaps and overhangs.
 
     With `turned`, scenes may be turned and mirrored: a box then has the square's symmetries. With
-    `anywhere_inside`, a box that lies within its reference's is taken to mean all of that one:
-    demonstrations that bring a block well into a region do not show how far in it has to be.
+    `anywhere_inside`, a box that lies within its reference's is extended to all of that one.
+    Demonstrations that bring a block well into a region do not show how far in it has to be.
     """
     at_end = demos.length[:, None, None, None] - 1
     boxes = (demos.center, demos.size)
@@ -167,21 +167,22 @@ def misplacement(
 ) -> Float[Array, ""]:
     """Cost of a scene relative to the demonstrations' ends: 0 at an end, about 1 at a beginning.
 
-    Of K objects that are to be placed each costs 1 / K at the mean distance at which
+    Each of K objects that are to be placed costs 1 / K at the mean distance at which
     demonstrations begin. The fraction `near_cost_fraction` of it applies in full as soon as the
-    object is out of place by half its own box; the rest grows in proportion to the distance. Of an
-    object that belongs anywhere in its reference's box, it applies in full as soon as its centre is
-    out of that box, and nothing of it while its whole box is inside: all along the edge a centre
-    costs the same, so that whatever is in place costs no more than whatever is not.
+    object is out of place by half its own box. The rest grows in proportion to the distance.
+
+    For an object that belongs anywhere in its reference's box, that fraction applies in full as
+    soon as its centre is out of that box. It is 0 while the object's whole box is inside. A centre
+    costs the same all along the edge, so an object in place never costs more than one out of it.
 
     Args:
       places: of the demonstrations.
       center, size, label: of the scene's objects.
       counted: those that are present and no robot.
       active: those that have moved since the beginning.
-      near_cost_fraction: that fraction; what is almost in place is far from done.
-      intrusion_weight: what an intruder costs, by the same rule, as a share of 1 / K.
-      touch: share of the cost of what is to be placed that is gone once it has been moved at all.
+      near_cost_fraction: that fraction; an object that is almost in place is far from done.
+      intrusion_weight: cost of an intruder, by the same rule, as a share of 1 / K.
+      touch: share of an object's cost that disappears once it has been moved at all.
       clearance_radius: above 0, an intruder costs in proportion to `crowding` at this distance
         instead.
     """

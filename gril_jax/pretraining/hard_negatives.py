@@ -1,11 +1,13 @@
 """Hard negatives: the states of a policy's episodes that a reward overestimates most.
 
-A policy that is trained on a learned reward visits states that no demonstration has. Where the
-reward pays more than the scene is worth by the demonstrations' last frames
-(`gril_jax.pretraining.final_places.misplacement`), it overestimates them, and from these the next
-reward should learn (`gril_jax.pretraining.contrast`). As in VICE (Fu et al., NeurIPS 2018) a
-policy's own states are the negatives, but each has the distance from the goal that is due, and no
-class. Object boxes are all it takes: no reward of the task, no success, no action.
+A policy that is trained on a learned reward visits states that no demonstration has. The last
+frames of the demonstrations give a target reward for each of them, minus its
+`gril_jax.pretraining.final_places.misplacement`. The reward overestimates a state if it is higher
+than the target. The next reward should learn from such states (`gril_jax.pretraining.contrast`).
+
+As in VICE (Fu et al., NeurIPS 2018) a policy's own states are the negatives, but each has a target
+distance from the goal instead of a class. Object boxes suffice: no reward of the task, no success,
+no action.
 
 Shapes use E for episodes, T for their frames, N for objects and K for what is chosen.
 """
@@ -28,7 +30,7 @@ class Chosen(NamedTuple):
     """Chosen states of episodes, the most overestimated first."""
 
     scenes: Scene  # leaves (K, N, ...)
-    excess: Float[Array, "K"]  # reward beyond what is due; 0 where nothing was left to choose
+    excess: Float[Array, "K"]  # reward above its target; 0 where no state was left to choose
     known: Bool[Array, "K"]  # False there
 
 
@@ -55,25 +57,25 @@ def choose(
     ended: Float[Array, ""] | float = 0.1,
     least: Float[Array, ""] | float = 0.1,
 ) -> Chosen:
-    """The states with the most reward beyond what is due, from episodes without success at the end.
+    """The states that the reward overestimates most, from episodes without success at the end.
 
     One after the other: the most overestimated of those that are left, without its neighbours in
     time and without its likes in other episodes, so that the chosen ones differ.
 
     Args:
       scenes: leaves (E, T, N, ...).
-      paid: the present reward of each, at least about -1 and at most 0 on the demonstrations.
-      due: what it should be, see `due_rewards`.
+      paid: the learned reward of each, at least about -1 and at most 0 on the demonstrations.
+      due: its target, see `due_rewards`.
       num: K, how many are chosen at most.
       every: of an episode, at most one in as many frames to either side.
-      apart: moments are alike if all objects are closer than this to where they are in the other,
+      apart: states are alike if all objects are closer than this to where they are in the other,
         in diagonals of their boxes, and the activity bits are equal.
       ended: an episode whose last frame lacks no more than this ends as demonstrations do: nothing
         of it is chosen.
       least: nor is anything that is overestimated by no more than this.
 
     Returns:
-      K moments, of which the first ones are known; moments that are not finite are never chosen.
+      K states, of which the first ones are known; states that are not finite are never chosen.
     """
     excess = jnp.asarray(paid - due)
     failed = due[:, -1:] < -ended

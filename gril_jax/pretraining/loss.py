@@ -2,7 +2,7 @@
 
 The table `ALIGNMENTS` names the losses that align videos in time: functions of one batch.
 
-Shapes use V for the videos of a batch, T for the frames of a video, F for those drawn from it, N
+Shapes use V for the videos of a batch, T for the frames of a video, F for those sampled from it, N
 for objects, H for the width of a node embedding and D for the latent.
 """
 
@@ -85,8 +85,8 @@ def terms(
 ) -> Terms:
     """The loss of a batch of videos, term by term.
 
-    `frames` were drawn of each video, in order of time; `valid` are those that are not padding. The
-    key, of stochastic matching, is consumed.
+    `frames` are samples of each video, in order of time; `valid` are those that are not padding.
+    The key, of stochastic matching, is consumed.
     """
 
     def video(demo, active, frames):

@@ -32,7 +32,7 @@ class PixelStatic:
     num_videos: int = PretrainConfig.num_videos
     """Videos in a batch; all ordered pairs of them are compared."""
     num_frames: int = PretrainConfig.num_frames
-    """Frames drawn from each video of a batch."""
+    """Frames sampled from each video of a batch."""
     turn_scenes: bool = False
     """Turn and mirror each video of a batch at random, as one of the square's eight symmetries.
 
@@ -61,8 +61,8 @@ class Static(PixelStatic):
     random_activity: float = 0.0
     """Probability that an object of a video counts as moved throughout, even if it does not move.
 
-    Else a bit that no demonstration sets is a state that the encoder has never seen, and a policy
-    can earn by setting it: by a mere touch.
+    Else the encoder has never seen a state whose bit no demonstration sets, and a mere touch, which
+    sets it, may increase the reward.
     """
 
     num_perturbations: int = PretrainConfig.num_perturbations

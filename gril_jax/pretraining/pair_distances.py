@@ -4,13 +4,16 @@
     cost = beyond(ranges, statistics(...), box, near_cost_fraction)
 
 Pairs of things are of five kinds: all, those whose class names share their first word (a colour),
-or not, or their last one (a shape), or not. Of each kind these are known, in world units: quantiles
-of the distances; how far apart pairs are along their narrow axis and along their wide one (root
-mean squares), which tell a line from a bend; and the longest link, which tells a heap from two: the
-widest gap that must be crossed to go from each thing to its partners by way of others of the kind.
+or not, or their last one (a shape), or not. The statistics of each kind, in world units, are:
 
-Nobody says which of them matter. A statistic counts as much as it tells: the logarithm of how much
-rarer frames are in its range than ends are. Shapes use N for objects, P for pairs, K = 5 for kinds
+- quantiles of the distances;
+- root mean squares of the pairs' distances along their narrow and their wide axis, which tell a
+  line from a bend;
+- the longest link, which tells one cluster from two. It is the widest gap on the way from each
+  thing to its partners by way of others of the kind.
+
+Their weights are learned. A statistic's weight is the logarithm of how much rarer frames are in its
+range than ends are. Shapes use N for objects, P for pairs, K = 5 for kinds
 and Q = 8 for statistics.
 """
 
@@ -28,8 +31,8 @@ STATISTICS = _LEVELS + 3
 _TAIL = 0.1  # share of the ends that a range leaves out on each side
 _WIDER = 0.25  # widths of a range by which it is made wider on each side: ends are few
 _TELLS = 0.1  # share of the best statistic's weight below which another one does not count
-_REACH = 0.5  # world units over which the rest of a cost is due
-_NARROW = 0.25  # half boxes over which the first share of a cost is due, at least
+_REACH = 0.5  # world units over which the rest of a cost grows
+_NARROW = 0.25  # half boxes over which the first share of a cost grows, at least
 
 
 class Ranges(NamedTuple):
@@ -93,8 +96,7 @@ def beyond(
     """Cost of statistics that are out of their ranges; 0 where none is.
 
     The fraction `near_cost_fraction` applies at once where a value is out by about its range's
-    width, which is taken to be between a quarter of `half_box` and all of it; the rest grows in
-    proportion.
+    width, clipped to between a quarter of `half_box` and all of it. The rest grows in proportion.
     """
     out = jax.nn.relu(jnp.maximum(ranges.nearest - values, values - ranges.furthest))
     width = (ranges.furthest - ranges.nearest) / (1.0 + 2.0 * _WIDER) / 2.0

@@ -232,7 +232,7 @@ def figures(
 def activity_bits(demos: DemoBatch, hyper: Hyper, config: Static) -> Bool[Array, "B T N"]:
     """The activity bits (Eq. 4) that training uses, for every frame of the recordings.
 
-    They come from the full recordings: a bit that latched between two drawn frames is set.
+    They come from the full recordings: a bit that latched between two sampled frames is set.
     """
     rule = dict(window=config.window, smoothing=config.smoothing, noise=config.noise, tau=hyper.tau)
     return jax.vmap(functools.partial(activity.trajectory, **rule))(demos.center, demos.size)

@@ -40,7 +40,7 @@ class Findings(NamedTuple):
         """The most overestimated state without progress: how it was found, itself, its reward."""
         states, paid, found = self.states, self.audit.rewards, self.audit.found
         kinds = {
-            "gradient ascent": (found.scene, found.reward),
+            "gradient search": (found.scene, found.reward),
             "battery": (states.battery.scenes, _only(paid.battery, states.battery.score <= 0)),
             "one object moved": (states.alone, _only(paid.alone, states.alone_free)),
             "targets pushed": (states.pushed, _only(paid.pushed, states.pushed_free)),

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 from .data import number
 from .rates import WHERE, Rate, name, own_start, rates, wilson
 
-MISRANKED = (
-    "misranked_share"  # beside what is asked; no reward outbids nothing at the edge of success
-)
+# It has no bound: near the edge of success every reward misranks some states.
+MISRANKED = "misranked_share"
 _SOLVED = 0.9  # success rate from which a run is said to have worked
 
 

@@ -14,9 +14,10 @@ encoder take `from_latents` of its frames:
 
 An ensemble's reward is that of its most pessimistic member (`gril_jax.encoders.ensemble`).
 
-Shapes use B for demonstrations, T for frames, N for objects, D for the latent (of all members side
-by side), G for the goals of a set and K for the members of an ensemble. The reward takes one graph,
-or frames with any leading axes; batch graphs, or the parameters of many seeds, with `jax.vmap`.
+Shapes use B for demonstrations, T for frames, N for objects and D for the latent (of all members
+side by side). G is for the goals of a set and K for the members of an ensemble. The reward takes
+one graph, or frames with any leading axes. Batch graphs, or the parameters of many seeds, with
+`jax.vmap`.
 """
 
 import functools
@@ -56,7 +57,7 @@ def latent_goal_reward(
 
     Args:
       params, config: from `from_demos` or `from_latents`, and of their encoder.
-      graph: of one moment; for `PixelConfig` RGB frames in [0, 1].
+      graph: of one state; for `PixelConfig` RGB frames in [0, 1].
 
     Raises:
       ShapeError: the goal is not of the latent's size, or the input does not fit the config.

@@ -1,7 +1,7 @@
 """A learned reward with everything needed to use it; `gril_jax.export.reward_file` saves it.
 
     learned = load_reward("reward.npz")
-    r = learned(center, size, active)                   # of one moment: jit, vmap, grad
+    r = learned(center, size, active)                   # of one state: jit, vmap, grad
     memory = learned.init(center, size)                 # of a rollout, at an episode's first frame
     memory, r = learned.step(memory, center, size)      # each frame after it: the body of a scan
 
@@ -207,7 +207,7 @@ class LearnedReward:
         Args:
           memory: from `init` or the previous `step`; `memory.activity.active` are the bits.
           center, size: the boxes of this frame, world units.
-          label, is_robot, present: as for the reward of a moment.
+          label, is_robot, present: as for the reward of a state.
 
         Raises:
           ShapeError: the arrays do not belong to the memory's objects.

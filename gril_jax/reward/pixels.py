@@ -4,7 +4,7 @@
     r = reward.latent_goal_reward(params, pixel_encoder.floats(frame), config)
 
 The goal is the mean latent of the videos' last frames, and the scale makes the reward about -1 at
-their first frames (Eq. 7), as `gril_jax.reward.from_demos` makes them for scene graphs. Shapes use
+their first frames (Eq. 7). For scene graphs `gril_jax.reward.from_demos` does the same. Shapes use
 B for videos, T for frames and D for the latent.
 """
 

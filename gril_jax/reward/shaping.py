@@ -5,16 +5,15 @@
 
 A reward added in this form changes no optimal policy, whatever the potential phi is: along an
 episode the terms cancel but for its two ends. The learned reward is such a potential, from -1 at
-the start to 0 at the goal; added as a potential it guides, and cannot be collected by staying in
-a place that merely looks good. It then keeps the optimum of the reward that it is added to, and
-a sparse one will do.
+the start to 0 at the goal. Added as a potential it guides, but a policy gains nothing by staying in
+a place that merely looks good. The optimum is that of the reward that it is added to, and a sparse
+one will do.
 
 How episodes end matters. A terminated one has nothing after it, so its last potential counts as
-0; else states with a high potential would be good places to end in (Grzes, AAMAS 2017). One that
-a time limit cut off goes on as far as values are concerned, so phi stays, of the last state that
-was reached and not of the next episode's first. A potential may depend on what an episode
-remembers, such as activity bits, as long as each is taken at its own moment
-(Devlin and Kudenko, AAMAS 2012).
+0. Else an episode would gain by ending in a state of high potential (Grzes, AAMAS 2017). After a
+time limit the values go on, so phi stays: that of the last state reached, not of the next episode's
+first. A potential may depend on what an episode remembers, such as activity bits, as long as each
+is taken at its own time (Devlin and Kudenko, AAMAS 2012).
 
 Shapes use S for the states of an episode, one more than its control steps; leading axes are a
 batch.

@@ -43,8 +43,9 @@ def init() -> Progress:
 
 
 def from_levels(level: Float[Array, "M"], kept: Bool[Array, "M"]) -> Staircase:
-    """Stages from the rewards at which demonstrations end them, in order, and a mask of those that
-    count; without any, one stage that ends at a reward of 0."""
+    """Stages from the rewards at which demonstrations end them, and a mask of those that count.
+
+    The rewards are in order. If no stage counts, there is one, which ends at a reward of 0."""
     order = jnp.argsort(~kept, stable=True)
     some = jnp.any(kept)
     level = jnp.where(some, level[order], 0.0)

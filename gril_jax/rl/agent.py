@@ -1,7 +1,7 @@
 """The frame of PPO and SAC: environments, the policy's network, and acting in them with it.
 
-A step has one key. `collect` and `learn` both take it, and split the same `num_keys` from it: the
-first is the next step's, then come those of new starts, one for each control step, and the
+A step has one key. `collect` and `learn` both take it, and split the same `num_keys` from it.
+The first key is the next step's. Then come those of new starts, one for each control step, and the
 learner's. All are split off at once, because each place that derives keys is a loop to compile.
 """
 
@@ -116,7 +116,7 @@ class Agent:
     def _chosen(
         self, state: Any, key: PRNGKeyArray, hyper: Any, reward_params: Any, fresh: EpisodeState
     ) -> EpisodeState:
-        """The fresh starts (R, ...), some of them replaced by moments of videos or own episodes."""
+        """The fresh starts (R, ...), some of them replaced by video states or visited states."""
         if not self._choosing:
             return fresh
         static, keys = self.static, jax.random.split(key, self.num_keys)

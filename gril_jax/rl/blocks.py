@@ -1,8 +1,8 @@
 """Blocks of environments that never mix, so that devices with whole blocks exchange nothing.
 
 Whatever takes environments out of their order (minibatches, starts from a pool) does so within
-blocks of them. How many there are follows from the numbers of environments and minibatches, and not
-from the devices, so that on any number of these the same numbers are drawn.
+blocks of them. The number of blocks depends on those of environments and minibatches, not on the
+devices. So the same numbers are sampled on any number of devices.
 
 Shapes use B for environments, K for blocks, L = B / K for those of one, and M for minibatches.
 """
@@ -19,8 +19,10 @@ _LEAST = 256  # environments of a block: enough of them to be shuffled among
 
 
 def count(num_envs: int, minibatches: int = 1) -> int:
-    """The number K of blocks, a power of two: each has `_LEAST` environments or more, if there are
-    so many, and divides evenly into its minibatches; their number M divides that of environments.
+    """The number K of blocks, a power of two.
+
+    Each has `_LEAST` environments or more, if there are so many, and divides evenly into its
+    minibatches. Their number M divides that of environments.
     """
     most = min(_MOST, max(1, num_envs // _LEAST))
     return math.gcd(2 ** (most.bit_length() - 1), num_envs // minibatches)

@@ -105,10 +105,9 @@ class Episodes:
     ) -> tuple[EpisodeState, StepResult]:
         """One control step; the state it returns is the last of its episode if a flag says so.
 
-        A step that yields anything not finite is taken back and cuts the episode off, so that one
-        broken simulation does not reach the weights of all. It is no end of the task: a policy
-        whose reward is never positive would learn to break the simulator if nothing were to come
-        after it.
+        A step with a non-finite result is undone and cuts the episode off, so that one
+        broken simulation does not reach the weights of all. It does not end the task: else a
+        policy whose reward is never positive would learn to break the simulator.
 
         Actions are in [-1, 1]; `tau` is the activity threshold, in box diagonals.
         """

@@ -1,4 +1,4 @@
-"""Evaluation of a policy: whole episodes from starts that have been drawn before.
+"""Evaluation of a policy: whole episodes from starts that have been sampled before.
 
     begun = begin(algorithm.episodes, key_begin, episodes=256)
     found = evaluate(algorithm, policy, reward_params, begun, key, tau=tau, deterministic=True)
@@ -26,7 +26,7 @@ class Evaluation(NamedTuple):
     states: Any  # environment states, leaves (E, T + 1, ...)
     reward: Float[Array, "E T"]  # what the policy was trained on
     success: Float[Array, "E"]  # at the end of the episode
-    success_ever: Float[Array, "E"]  # at some moment of it
+    success_ever: Float[Array, "E"]  # at some time in it
     score: Float[Array, "E"]  # at the end
     remembered: Float[Array, "E T K"]  # what the policy sees of the reward's memory, after a step
 

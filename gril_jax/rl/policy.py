@@ -1,14 +1,14 @@
 """Parts of a policy: its parameters, normalisation of observations, and networks of sub-policies.
 
-With sub-policies each stage of a task has weights of its own. The learned reward knows the stage
-that an episode has come to, from the latents alone (`gril_jax.reward.staircase`), and the policy
-sees it: the last number of its observation is the share of the stages that are finished. The
-network of the present stage answers, for actions and for values. So a sub-policy begins where its
-predecessor has finished its stage, learns from its own stage alone, and still explores when the
-ones before it have settled. At hand-over, a stage bootstraps from its successor's value estimate,
-so that it learns to end where the successor can go on. T-STAR (Lee et al., CoRL 2021) keeps
-sub-policies together by a loss on where a stage ends, after training them one by one; here all
-learn at once, in one compiled step.
+With sub-policies each stage of a task has weights of its own. The learned reward infers an
+episode's stage from the latents alone (`gril_jax.reward.staircase`). The policy sees it: the last
+number of its observation is the share of the stages that are finished. The network of the present
+stage answers, for actions and for values. So a sub-policy begins where its predecessor has finished
+its stage, learns from its own stage alone, and still explores when the ones before it have settled.
+
+At hand-over, a stage bootstraps from its successor's value estimate, so that it learns to end where
+the successor can go on. T-STAR (Lee et al., CoRL 2021) trains sub-policies one by one, then keeps
+them together by a loss on where a stage ends. Here all learn at once, in one compiled step.
 """
 
 import itertools
@@ -103,7 +103,8 @@ def of_stages(network: FeedForwardNetwork, count: int) -> FeedForwardNetwork:
 
 
 def stage(observation: Float[Array, "*batch O"], count: int) -> Int[Array, "*batch"]:
-    """The sub-policy that acts, from 0: each has as many stages as it can be shared out, with as
-    many stages as sub-policies one each; the last goes on when all are finished."""
+    """The sub-policy that acts, from 0; the last goes on when all stages are finished.
+
+    Stages are shared out evenly: with as many stages as sub-policies each has one."""
     begun = jnp.floor(observation[..., -1] * count + _ROUNDING).astype(jnp.int32)
     return jnp.clip(begun, 0, count - 1)

@@ -240,8 +240,8 @@ def _holding(dist: Any, raw: Float[Array, "B A"], held: Float[Array, "B A"], sha
     """Samples of the distribution whose noise is in part `held`, samples of the unit normal.
 
     Each is distributed as before, so that its probability is what it was. Those of an unroll are
-    not independent of each other, which the objective leaves out of account, as in PPO with
-    coloured noise (Hollenstein et al., AAAI 2024).
+    not independent of each other. The objective ignores that, as does PPO with coloured noise
+    (Hollenstein et al., AAAI 2024).
     """
     return dist.loc + (1 - share) ** 0.5 * (raw - dist.loc) + share**0.5 * dist.scale * held
 

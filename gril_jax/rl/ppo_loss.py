@@ -1,9 +1,9 @@
 """PPO's loss on one minibatch: clipped policy ratio, squared error of the value, entropy.
 
 The formulas are those of brax's `compute_ppo_loss`, which the tests hold it to. That one walks
-through an unroll step by step in every minibatch, and reports a dozen figures. This one takes
-advantages in log2 T steps, meant for GPUs, where each step of a loop costs launches of kernels; on
-two CPU cores both take as long.
+through an unroll step by step in every minibatch, and reports a dozen figures. This one computes
+advantages in log2 T steps. That suits GPUs, where each step of a loop launches kernels; on two CPU
+cores both take as long.
 
 Shapes use B for the lanes of the minibatch, T for the control steps of an unroll, O for the
 observation and A for the action.
@@ -25,7 +25,7 @@ class Batch(NamedTuple):
 
     observation: Float[Array, "B T+1 O"]  # before each step, and after the last
     raw_action: Float[Array, "B T A"]  # before it was squashed into its bounds
-    log_prob: Float[Array, "B T"]  # of the action, when it was drawn
+    log_prob: Float[Array, "B T"]  # of the action, when it was sampled
     reward: Float[Array, "B T"]
     ended: Float[Array, "B T"]  # 1 where nothing comes after the step
     dropped: Float[Array, "B T"]  # 1 where the step is not to be learned from
@@ -52,8 +52,8 @@ def advantages(
 ) -> tuple[Float[Array, "*B T"], Float[Array, "*B T"]]:
     """Generalised advantage estimation (Schulman et al. 2016): targets of the value, advantages.
 
-    With delta_t = r_t + discount v_(t+1) - v_t and c_t = discount lambda, both without what comes
-    after an end, the target is v_t + x_t, where x_t = delta_t + c_t x_(t+1). That is a chain of
+    Let delta_t = r_t + discount v_(t+1) - v_t and c_t = discount lambda, both without what comes
+    after an end. The target is v_t + x_t, where x_t = delta_t + c_t x_(t+1). That is a chain of
     affine maps, which `jax.lax.associative_scan` composes. The advantage looks one step further:
     r_t + discount target_(t+1) - v_t. A dropped step has delta_t = c_t = 0 and no advantage.
 
@@ -89,7 +89,7 @@ def loss(
     These are its parts; `ratio_beyond`, the share of steps whose ratio was clipped; and
     `deviation`, the mean standard deviation of actions before they are squashed.
 
-    The key draws the actions that estimate what squashing takes from the entropy.
+    The key samples the actions that estimate what squashing takes from the entropy.
     """
     actions = networks.parametric_action_distribution
     logits = networks.policy_network.apply(normalizer, params.policy, batch.observation)[:, :-1]

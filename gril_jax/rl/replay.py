@@ -1,8 +1,9 @@
 """Replay for off-policy learning: a ring buffer of rows that overwrites the oldest.
 
 An insertion writes one window of rows in place, also when seeds are vmapped and when the ring is
-carried by a scan. Two things would turn it into a copy of the whole ring: a `lax.cond` that hands
-the ring on (hence `wanted`), and moving rows to make room (hence blocks that divide the capacity).
+carried by a scan. Two things would turn it into a copy of the whole ring. One is a `lax.cond` that
+hands the ring on, hence `wanted`. The other is moving rows to make room, hence blocks that divide
+the capacity.
 
 Shapes use C for the capacity and R for the rows of one insertion.
 """

@@ -1,6 +1,6 @@
 """Rewards that a policy can be trained on: pure functions of an episode's states.
 
-A plain reward is a function `(params, state, active) -> reward` of one moment. A reward that must
+A plain reward is a function `(params, state, active) -> reward` of one state. A reward that must
 remember something of its episode is a `Reward`, whose memory is forgotten when the episode ends.
 Wherever a reward is asked for, either will do.
 """
@@ -19,7 +19,7 @@ from gril_jax.reward import shaping, staircase
 from gril_jax.reward.latent_goal import latent_goal_reward
 from gril_jax.reward.learned_reward import LearnedReward
 
-# (parameters, environment state, activity bits (N,)) -> reward of this moment.
+# (parameters, environment state, activity bits (N,)) -> reward of this state.
 RewardFn = Callable[[Any, Any, Bool[Array, "N"]], Float[Array, ""]]
 
 
@@ -83,9 +83,9 @@ def saved(params: LearnedReward, state: Any, active: Bool[Array, "N"]) -> Float[
 
 
 def offset(reward: RewardFn, by: float) -> RewardFn:
-    """The reward plus a constant: in episodes of equal length no policy gains by it.
+    """The reward plus a constant, which favours no policy in episodes of equal length.
 
-    A learner may: one that starts from values of 0 has nothing to unlearn where nothing is paid.
+    It may speed up learning: initial values of 0 then fit states whose reward is 0.
     """
 
     def more(params: Any, state: Any, active: Bool[Array, "N"]) -> Float[Array, ""]:
@@ -107,9 +107,9 @@ def pixels(
     Args:
       config: of the encoder.
       render: from the simulator's data to the picture, of the size of the encoder's frames.
-      side_by_side: what a vmap over parameters, as over the seeds of a sweep, becomes: grouped
-        convolutions, which can be spread over devices; else one encoder after the other, which is
-        faster on a device and needs the memory of one.
+      side_by_side: a vmap over parameters, as over the seeds of a sweep, becomes grouped
+        convolutions, which can be spread over devices. Else one encoder runs after the other,
+        which is faster on a device and needs the memory of one.
     """
 
     @jax.custom_batching.custom_vmap
@@ -138,7 +138,7 @@ def pixels(
 def stages(config: GraphConfig, *, robots: Sequence[int] = (), by: float = 0.0) -> Reward:
     """The learned reward in the stages in which it climbs (`gril_jax.reward.staircase`).
 
-    Its parameters are a pair: those of `learned`, and the staircase. The policy sees the share of
+    Its parameters are a pair: those of `learned`, and the stages. The policy sees the share of
     the stages that are finished. `robots` are those of `learned`, `by` is that of `offset`.
     """
     reward = learned(config, robots=robots)
@@ -163,8 +163,8 @@ def shaped(potential: RewardFn) -> Reward:
     potential (`gril_jax.reward.shaping`): the best policies are those of the task's own reward.
     Its parameters are `(weights (2,), the learner's discount, those of the potential)`.
 
-    A reward does not see the state that an episode begins in, so the first potential counts as -1,
-    which a learned reward is on average where demonstrations begin. As a constant it depends on
+    A reward does not see the state that an episode begins in, so the first potential counts as -1.
+    That is the mean learned reward where demonstrations begin. As a constant it depends on
     no action, and so it keeps the best policies too (Devlin and Kudenko, AAMAS 2012).
     """
 

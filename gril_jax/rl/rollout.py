@@ -1,8 +1,8 @@
 """Rollouts of many environments in one compiled call, with a pool of starts beside them.
 
 A reset costs as much as some control steps, and an episode needs one start in its whole length. So
-each update draws only as many starts as episodes will end in it, and puts them into a pool from
-which an environment takes its next start. Every start is drawn by the task's own `reset`; there
+each update samples only as many starts as episodes will end in it, and puts them into a pool from
+which an environment takes its next start. Every start is sampled by the task's own `reset`; there
 is one place in the program where the simulator steps and one where it resets.
 
 Shapes use B for environments and T for the control steps between two updates.
@@ -87,9 +87,9 @@ def renew(
     keys: Key[Array, "R"],
     mix: Callable[[EpisodeState], EpisodeState] = lambda fresh: fresh,
 ) -> VectorState:
-    """The environments with the pool's oldest starts drawn anew, one with each of the keys (R,).
+    """The environments with the pool's oldest starts sampled anew, one with each of the keys (R,).
 
-    Each block of the pool gets its share of them; R is what `renewals` says, or another number that
+    Each block of the pool gets its share of them. R is what `renewals` says, or another number that
     the blocks can share and that divides the pool. `mix` may replace some of them.
     """
     num_envs = len(envs.running.time)

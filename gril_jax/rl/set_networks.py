@@ -1,13 +1,13 @@
 """Networks that read every object of an observation with the same weights.
 
 A task may list its objects in its observation: some numbers of the robot, then a row of numbers for
-each region, each block, and so on; `rows` says how many there are, and an object that is not there
-has zeros in its row. Neither the order of a kind's objects nor their number must matter. So each
-row, beside what is said of the robot, goes through the layers of its kind, asks the others for what
-it should know of them (attention with two heads; Vaswani et al., NeurIPS 2017), and what becomes
-of all is summed up by maxima and means (Deep Sets; Zaheer et al., NeurIPS 2017); plain layers
-follow. Observations are taken as they are, of about unit size: statistics of each number by itself
-would tell the rows of a kind apart.
+each region, each block, and so on. `rows` says how many there are. An object that is not there has
+zeros in its row. Neither the order of a kind's objects nor their number must matter.
+
+So each row, beside the numbers of the robot, goes through the layers of its kind. It attends to the
+other rows (two heads; Vaswani et al., NeurIPS 2017). Maxima and means over all rows summarise them
+(Deep Sets; Zaheer et al., NeurIPS 2017), and plain layers follow. Observations are taken as they
+are, of about unit size: statistics of each number by itself would tell the rows of a kind apart.
 
 Shapes use B for any batch, O for the observation, N for rows of all kinds and H for their width.
 """
@@ -36,8 +36,8 @@ def by_object(
     Args:
       networks: those that they replace, whose distribution of actions they keep.
       rows: the objects of the task's observation.
-      size: O, with what else the policy sees: after the task's own numbers, with `bits` an activity
-        bit of the robot and of each row, and then the memory of the reward.
+      size: O, the length of the policy's input: the task's own numbers, then with `bits` an
+        activity bit of the robot and each row, then the reward's memory.
       before: numbers of the robot, which come first.
       hidden: widths of the layers that follow; a quarter of the first is H.
       bits: whether there are activity bits.

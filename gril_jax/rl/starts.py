@@ -1,9 +1,9 @@
 """Resets of training episodes to states beside the task's own initial ones.
 
 Visited states are states of running episodes. They are sampled evenly over the range of their
-rewards, so that few of high reward count as much as many of low reward; among equal ones those are
-preferred whose objects lie like in no other, as in Go-Explore (Ecoffet et al. 2021). Such an
-episode may in turn leave visited states, so that a search grows longer than an episode.
+rewards, so that few of high reward count as much as many of low reward. Among equal ones, states
+with unusual object positions are preferred, as in Go-Explore (Ecoffet et al. 2021). Such an episode
+may in turn leave visited states, so that a search grows longer than an episode.
 
 Video states are frames of the demonstrations. The task places its objects at the boxes by its
 `place(center, size, key)`, and samples what boxes do not show.
@@ -24,7 +24,7 @@ from . import blocks
 from .episodes import Episodes, EpisodeState, reset_where
 from .rewards import AnyReward, Reward, as_reward
 
-_ALIKE = 0.05  # of the range of rewards: moments whose rewards differ less are alike
+_ALIKE = 0.05  # of the range of rewards: states whose rewards differ less are alike
 _UNTIL = 0.9  # of training
 
 
@@ -37,7 +37,7 @@ class Frames(NamedTuple):
 
 
 class WithFrames(NamedTuple):
-    """Parameters of a reward, with the frames that training may begin at."""
+    """Parameters of a reward, with the frames that training may reset to."""
 
     reward: Any
     frames: Frames
@@ -50,7 +50,7 @@ def with_frames(reward: AnyReward) -> Reward:
 
 
 def share_left(share: float, progress: Float[Array, ""] | float) -> Float[Array, ""]:
-    """The share of such starts at a moment of training, `progress` from 0 to 1."""
+    """The share of such starts when training has come to `progress`, from 0 to 1."""
     return share * jnp.clip(1.0 - jnp.asarray(progress) / _UNTIL, 0.0, 1.0)
 
 
@@ -87,11 +87,11 @@ def of_own(
     *,
     share: Float[Array, ""] | float,
 ) -> EpisodeState:
-    """The fresh starts (R, ...), each with probability `share` replaced by a moment of one of the
-    running episodes (B, ...).
+    """The fresh starts (R, ...), each with probability `share` replaced by a visited state.
 
-    The moment keeps its memories, and its clock begins at 0. Both are taken within the blocks of
-    environments that never mix. The key is consumed.
+    Visited states are those of the running episodes (B, ...). They keep their memories, and their
+    clocks begin at 0. A start and its visited state belong to the same block of environments, since
+    blocks never mix. The key is consumed.
     """
     worth = jax.vmap(lambda one: _worth(episodes, reward_params, one))(running)
     parts = blocks.count(len(worth))
@@ -124,10 +124,10 @@ def taken(
     center: Float[Array, "L N 2"],
     where: Float[Array, "S"],
 ) -> Int[Array, "S"]:
-    """Moments whose rewards are about `where` of the way from the least reward to the largest.
+    """States whose rewards are about `where` of the way from the least reward to the largest.
 
-    Of those alike it draws with probabilities in proportion to how far the objects lie, summed,
-    from where they do in the moment most like it. Rewards that are not finite are left out.
+    Among states of similar reward it samples in proportion to the summed distance of the objects
+    from those of the most similar state. Rewards that are not finite are left out.
     """
     known = jnp.isfinite(worth)
     least = jnp.min(jnp.where(known, worth, jnp.inf))
@@ -142,6 +142,6 @@ def taken(
 
 
 def _worth(episodes: Episodes, reward_params: Any, episode: EpisodeState) -> Float[Array, ""]:
-    """The reward of the moment that an episode has come to."""
+    """The reward of an episode's present state."""
     memory, active = episode.reward_memory, episode.memory.active
     return episodes.reward.step(reward_params, memory, episode.state, active)[1]

@@ -59,7 +59,7 @@ class Scores(NamedTuple):
     """Evaluation scores: means of shape (V, 2), the last axis (mean actions, sampled actions)."""
 
     success: Float[Array, "..."]  # at the end of the episode
-    success_ever: Float[Array, "..."]  # at some moment of it
+    success_ever: Float[Array, "..."]  # at some time in it
     score: Float[Array, "..."]  # at the end
     reward: Float[Array, "..."]  # sum over the episode of what the policy was trained on
 
@@ -99,9 +99,9 @@ def chunk(
 ) -> tuple[Any, dict[str, Float[Array, "updates"]], Scores | None]:
     """Runs updates, then one episode of the new policy in each of the B environments.
 
-    Training goes on afterwards where it stood: an evaluation changes nothing in the state. How
-    often the loop runs may be traced, so that where a run is cut into chunks changes no bit of it:
-    a compiler that knows the number may unroll a short loop, and round otherwise.
+    Training goes on afterwards where it stood: an evaluation changes nothing in the state. The
+    number of updates may be traced, because a compiler that knows it may unroll a short loop, and
+    round otherwise. So a run's results do not depend on where it is cut into chunks.
 
     Args:
       algorithm, state, hyper, reward_params: as for `step`; the state is replaced.

@@ -59,7 +59,7 @@ def noticed() -> Iterator[Notice]:
 
 @contextlib.contextmanager
 def heard() -> Iterator[None]:
-    """Raises a KeyboardInterrupt again that Python would only print, a moment later.
+    """Raises a KeyboardInterrupt again that Python would only print, a little later.
 
     It only prints what is raised in a `__del__`, or in a callback of a weak reference or of the
     garbage collector, of which JAX has one that runs often while programs are traced.

@@ -6,7 +6,7 @@
       {"line": 12, "seconds": 3.25, ...}              of line 12 of metrics.jsonl
       {"stage": "reward", "seconds": 70.5, ...}       of a stage, in the process that finished it
 
-A mark, {"lines": 12, "bytes": 3400, "sha256": "..."}, says what metrics.jsonl was at some moment.
+A mark, {"lines": 12, "bytes": 3400, "sha256": "..."}, says what metrics.jsonl was at some time.
 Each checkpoint has one, and phases.json that of the phase that finished last: up to there the file
 is covered, and a run that goes on does the work after its mark again. Of two lines of times.jsonl
 for the same the later one counts; no other file depends on it, so that a run goes on without it.

@@ -3,7 +3,7 @@
     begun = restore(run, "ppo", algorithm.init(key), tell=echo)
     trained = run_chunks(advance, begun, run=run, name="ppo", chunks=20, row=row)
 
-The state is any pytree. A run that was cut off, at whatever moment, goes on from its newest
+The state is any pytree. A run that was cut off, at whatever time, goes on from its newest
 checkpoint bit for bit: what a chunk does depends on nothing but the state before it. Of several
 processes (`gril_jax.runs.hosts`) the first decides when to save, logs, and writes whole states.
 """
@@ -72,10 +72,10 @@ def run_chunks(
       begun: what `restore` returned.
       name: the phase; metrics have it as "phase", and checkpoints go to a folder of this name.
       chunks: how many there are in all.
-      row: from the chunks done, the seconds they took and a chunk's metrics on the host to a line
-        of metrics.jsonl; its clocks go to times.jsonl.
-      every_s, keep: seconds between two checkpoints, and how many of the newest ones stay while
-        the phase goes on; the last state is always saved, and then it alone stays.
+      row: makes a line of metrics.jsonl from the chunks done, the seconds they took and a chunk's
+        metrics on the host; its clocks go to times.jsonl.
+      every_s: seconds between two checkpoints. The last state is always saved.
+      keep: how many of the newest checkpoints stay; at the end of the phase the last one alone.
 
     Raises:
       Interrupted: SIGINT, SIGTERM or SIGHUP came; the state is saved.

@@ -1,7 +1,7 @@
 """Reads a run's folder: what a command reads is what the run wrote. JAX is not imported here.
 
 phases.json, which has a digest of itself, holds the run's original configuration, its finished
-phases, and the SHA-256 of the files of each phase from the moment at which it has finished; it says
+phases, and the SHA-256 of the files of each phase from the time at which it has finished; it says
 how far metrics.jsonl had come (see `gril_jax.runs.json_lines`):
 
 {"experiment": "train", "config": "env:\\n ...", "finished": {"demos": {...}},
@@ -144,7 +144,7 @@ def marks_of(path: Path, phases: Phases) -> tuple[Sequence[Mark], Sequence[str]]
             except checkpoints.DamagedError as error:  # the one before it is taken
                 damaged.append(str(error))
                 continue
-            except RunError:  # removed at this moment, by the process that writes them
+            except RunError:  # removed just now, by the process that writes them
                 continue
             found += [mark] if mark else []
             break

@@ -1,19 +1,19 @@
 """Stage ends on which demonstrations agree, from all their reward traces together.
 
-One trace by itself is a poor witness: a step may be as small as the noise, and a pause in the
-middle of a rise as long as a short plateau. But demonstrations of one task climb the same stairs:
-what is a stage's end in one has the same reward in the others, or comes after the same share of the
-way from where its trace begins to where it ends, if some have further to go than others. So
+One trace by itself does not suffice: a step may be as small as the noise, and a pause in the
+middle of a rise as long as a short plateau. But in demonstrations of one task the reward rises in
+the same steps. A stage ends at the same reward in all of them; or, if some have further to go than
+others, after the same share of the way from the trace's begin to its end. So
 
     stages = agreed_boundaries(rewards, length, patience=8)
     patience, stages = agreed_stages(rewards, length)     # where it is not known
 
-takes what `gril_jax.subtasks.transitions` finds in each trace, keeps what most have at the same
-reward or share, whichever they agree on better, and where a trace lacks it, marks the frame at
-which that is reached. A trace that shows as many ends by itself as are agreed on keeps its own
-if none is at twice as different a reward. Patience is how long a plateau must be. No label is used.
-Everything can be jitted. Shapes use B for demonstrations, T for frames, M for boundaries and P for
-patiences.
+takes the ends that `gril_jax.subtasks.transitions` finds in each trace. It keeps those that most
+traces have at the same reward or share, whichever they agree on better. Where a trace lacks one, it
+marks the frame at which that reward or share is reached. A trace that shows as many ends by itself
+as are agreed on keeps its own if none is at twice as different a reward. Patience is how long a
+plateau must be. No label is used. Everything can be jitted. Shapes use B for demonstrations, T for
+frames, M for boundaries and P for patiences.
 """
 
 import jax

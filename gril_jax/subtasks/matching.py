@@ -52,7 +52,7 @@ def match_within(
     """
     distance = jnp.abs(found[:, None] - true).astype(jnp.float32)
     near = (distance <= tolerance) & (found[:, None] >= 0) & (true >= 0)
-    # One more pair is worth more than all distances together can be.
+    # One more pair counts more than all distances together can.
     worth = 1.0 + tolerance * (1.0 + min(distance.shape))
     return match_in_order(jnp.where(near, worth - distance, 0.0))
 

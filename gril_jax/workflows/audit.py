@@ -3,8 +3,9 @@
 gril audit RUN                      a run's reward, under a minute on two CPU cores
 gril audit reward.npz --out found   a reward file
 
-A sound reward has an order accuracy of at least 0.97 and a positive hack gap, and rises by at most
-5 % of its range for touching, and by at most 70 % of it for targets pushed to any wrong place.
+A reward passes the audit if its order accuracy is at least 0.97 and its hack gap is positive. It
+also rises by at most 5 % of its range for touching, and by at most 70 % for targets pushed to any
+wrong place.
 """
 
 import dataclasses
@@ -51,9 +52,9 @@ def main(
 
     The source is a run's folder or a file of `gril_jax.export.reward_file.save_reward`; task
     and variant of a run are its own if left out. Results go to `audit` in the run's folder, or
-    beside the file under its name with "-audit". The starts, episodes whose first frames
-    everything begins from, share the ascents. Raises RunError if there is no reward yet, and
-    ConfigError if reward and task do not fit together.
+    beside the file under its name with "-audit". The starts, first frames of episodes, share the
+    gradient searches (`ascents`). Raises RunError if there is no reward yet, and ConfigError if
+    reward and task do not fit together.
     """
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")

@@ -1,7 +1,7 @@
 """Tells what a run would do, how long it would take here and how much memory: `--dry-run`.
 
 Nothing is written. Parts of the real programs are compiled and timed for a few updates on an
-untrained reward, and on boxes that rest where the demonstrations would be made first.
+untrained reward. Where the demonstrations would be made first, resting boxes replace them.
 """
 
 import time
@@ -50,7 +50,7 @@ def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -
 
 
 def _seconds(begun: float, step: Callable[[Any], Any], state: Any, calls: float) -> float:
-    """Seconds from a moment until a function is compiled, and for so many calls of it."""
+    """Seconds from `begun` until a function is compiled, and for so many calls of it."""
     state = jax.block_until_ready(step(state))
     compiled = time.monotonic()
     jax.block_until_ready(step(state))

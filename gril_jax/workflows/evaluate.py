@@ -1,8 +1,8 @@
 """Evaluates a trained policy: `gril eval RUN --episodes 256`.
 
-Success is counted over distinct starts, those of `evaluated_from`: of the variant of the task that
-has many, of another whose starts lie further away, and whether the task's own start is solved if it
-has a single one.
+Success is counted over distinct starts, those of `evaluated_from`: perturbed initial states, and
+held-out ones of a variant whose starts lie further away. If the task has a single nominal initial
+state, the evaluation also says whether the policy succeeds from it.
 """
 
 from collections.abc import Callable

@@ -2,10 +2,10 @@
 
 gril audit RUN            a run of `gril pretrain --demos SET`, seconds on two CPU cores
 
-Held-out videos say how a demonstration begins and ends. Around them scenes are made up: nothing has
-moved, but everything counts as touched; and an object that belongs somewhere has been put elsewhere
-at the end. Neither may be paid. What is success only a task says, so the rest of an audit is left
-out, and a sentence says so.
+Held-out videos say how a demonstration begins and ends. The audit makes up scenes of two kinds from
+them. In the first nothing has moved, but everything counts as touched. In the second an object has
+been put elsewhere at the end. The reward of both must be low. Only a task defines success, so the
+rest of an audit is left out, and a sentence says so.
 """
 
 import functools
@@ -30,13 +30,10 @@ from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import demonstrations, policy_setup, setup, vocabulary
 
 LEFT_OUT = (
-    "left out, because videos do not say what success is: the gradient ascents, the hack gap, "
-    "the order of made-up stages and the maps, which gril audit has for a reward with a task"
+    "left out, because videos do not define success: the gradient search, the hack gap, the "
+    "ranking of synthetic stages and the maps, which gril audit has for a reward with a task"
 )
-_TOUCH, _MISRANKED = (
-    0.05,
-    0.02,
-)  # what may be paid for a touch, and how many scenes may be misranked
+_TOUCH, _MISRANKED = 0.05, 0.02  # most rise by a touch, and most misranked scenes; shares
 _AMISS = 0.25  # cost of a made-up scene that is clearly not done; of a beginning it is about 1
 
 

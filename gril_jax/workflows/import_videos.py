@@ -2,8 +2,8 @@
 
 gril demos import-videos FOLDER --robot hand --out mine
 
-`import.txt` in the set says what was found in each video and what was mended, and `import.png`
-shows pictures of each with the boxes as the set has them.
+`import.txt` in the set says what was found in each video and what was repaired. `import.png` shows
+pictures of each video with the boxes as the set has them.
 """
 
 import errno

@@ -32,8 +32,8 @@ COLUMNS = ("video", "subtask", "first_frame", "last_frame", "begin_s", "end_s", 
 def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
     """A sentence if held-out demonstrations disagree on the number of stages, else None.
 
-    No label is used: a reward that is fit for stages shows them in each video by itself, also in
-    one that it was not trained on.
+    No label is used. A reward that is fit for stages shows them in each single video, also in one
+    that it was not trained on.
 
     Args:
       alone: ends that each demonstration shows by itself, frames, filled up with -1.
@@ -109,7 +109,7 @@ def write_sets(
     """A set in `out/subtask-1`, ... for each of the K subtasks, whose ends are last frames.
 
     A subtask's demonstration begins with the last frame of the stage before, where a policy of
-    this subtask would begin, and ends with its own; the last subtask's goes on to the video's end,
+    this subtask would begin, and ends with its own. The last subtask's goes on to the video's end,
     where the task is done for certain. Those of fewer than 2 frames are left out.
     """
     phase = progress.phase("cutting", total=ends.size, unit="videos", compiles=False)

@@ -61,8 +61,8 @@ def main(
 ) -> None:
     """Writes figures, scores and cut demonstrations into a new folder.
 
-    Raises RunError if there is no reward, or if there are no stages to tell apart, ConfigError if
-    what is to be annotated is no LeRobot dataset.
+    Raises RunError if there is no reward, or if there are no stages to tell apart. Raises
+    ConfigError if what is to be annotated is no LeRobot dataset.
     """
     config = run_dir.read_config(folder)
     dataset = None if options.lerobot is None else _dataset(Path(options.lerobot))

@@ -158,7 +158,7 @@ def _audited(run: OpenRun) -> dict[str, Any]:
         return {}
     found = run.dir.finished_phase("audit")
     if found is None:
-        phase = run.progress.phase("auditing the reward", total=ascents, unit="ascents")
+        phase = run.progress.phase("auditing the reward", total=ascents, unit="searches")
         # It repeats to the byte, so what a process that was cut off left of it is written over.
         results = audit.main(run.path, ascents=ascents, seed=run.config.run.seed, echo=_silent)
         found = {"audit": audit_kept(results)}

@@ -58,7 +58,7 @@ def test_a_number_that_is_none_is_refused():
 # --- its findings
 
 
-@pytest.mark.parametrize("how", ["gradient ascent", "one object moved", "targets pushed"])
+@pytest.mark.parametrize("how", ["gradient search", "one object moved", "targets pushed"])
 def test_the_best_state_without_progress_is_found_wherever_it_is(how):
     found = findings(how)
     kind, scene, reward = found.best_unearned()
@@ -94,7 +94,7 @@ def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
         "start", "success", "touched", "wrong place", "random"
     }  # fmt: skip
     assert results["alone_share"] == {"shoe <b>": 0.25}
-    assert results["best_unearned_state"]["found_by"] == "gradient ascent"
+    assert results["best_unearned_state"]["found_by"] == "gradient search"
     assert [o["name"] for o in results["worst_pair"]["lesser"]["objects"]] == ["goal", "shoe <b>"]
     assert results.keys() >= NUMBERS.keys()
 
@@ -191,7 +191,7 @@ def test_it_is_one_file_with_numbers_pictures_and_states(tmp_path):
     assert text.count("data:image/png;base64,") == 3
     assert "-0.050" in text
     assert "FAILS; above 0 is asked" in text
-    assert "found by gradient ascent" in text
+    assert "found by gradient search" in text
     assert "&lt;reward&gt;" in text
     assert "<reward>" not in text
 

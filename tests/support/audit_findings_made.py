@@ -28,7 +28,7 @@ def _scenes(*lead):
     return Scene(center, np.full_like(center, 0.3), flags.astype(np.int32), flags, flags)
 
 
-def findings(best="gradient ascent"):
+def findings(best="gradient search"):
     """The audit; the best state without progress is found by `best`."""
     pairs = np.array([[[1, 2, 3, 4, 4]], [[0, 0, 0, 0, 3]]], np.int32)
     factor = np.array([[FACTORS.index(f) for f in FACTOR]], np.int32)
@@ -45,7 +45,7 @@ def findings(best="gradient ascent"):
         paid("targets pushed", 1, 2, 2),
         np.array([[-0.1, -0.05, 0.0, -0.25]]),
     )  # fmt: skip
-    found = Found(_scenes(1, 3), paid("gradient ascent", 1, 3))
+    found = Found(_scenes(1, 3), paid("gradient search", 1, 3))
     accuracy = np.where(np.isin(FACTORS, FACTOR), 0.9, np.nan)
     measures = Measures(
         **{name: np.float32(value) for name, value in NUMBERS.items()},

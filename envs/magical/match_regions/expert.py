@@ -158,7 +158,7 @@ def demonstrate(
             done = states.metrics["success"][index]
             data = jax.tree.map(lambda x, i=index: x[i], states.data)
             if kinds[index] == 0 and done[-1] > 0:
-                # From the end backwards: the moment after which it stays done.
+                # Searched backwards: the first frame from which the task stays done.
                 end = len(done) - int(np.argmin(done[::-1] > 0)) if not done.all() else 1
                 data = jax.tree.map(lambda x, e=end: x[: e + _AFTER], data)
                 good.append(Episode("success", "success", data))
@@ -171,6 +171,6 @@ def demonstrate(
             episodes = brisk[: wanted.successes] + bad[:failures]
             return Demonstrations(env, env.object_names, episodes)
     raise ExpertError(
-        f"the scripted expert solved {len(good)} of {_ROUNDS * batch} episodes of the "
+        f"the scripted expert succeeded in {len(good)} of {_ROUNDS * batch} episodes of the "
         f"{env.variant} layout, but demos.num and demos.num_validation ask for {wanted.successes}"
     )

@@ -1,8 +1,8 @@
 """Observations of MatchRegions: four vectors to choose from, each with a name for each number.
 
 "plain" holds poses and velocities of robot and blocks and the region's place, in the robot's frame
-where that helps; "rich" also which blocks are in the region; "sorted" lists targets in the order in
-which they are due: those outside the region first, the nearest to the robot before the others.
+where that helps. "rich" also says which blocks are in the region. "sorted" lists the targets that
+are outside the region first, and among those the nearest to the robot first.
 "xmagical" is x-magical's state vector in its exact order. Lengths are in arena units.
 """
 
@@ -31,8 +31,9 @@ class Observed(NamedTuple):
 
 
 def _own_frame(scene: Observed, parts: int, *, tested: bool, due: int) -> Float[Array, "O"]:
-    """The observation, with the `tested` region or without; the first `due` targets are sorted by
-    when they are due (0: none)."""
+    """The observation, with the `tested` region or without.
+
+    The first `due` targets are sorted: outside the region first, then by distance (0: none)."""
     x_y, yaw = scene.pose[0, :2], scene.pose[0, 2]
     robot = state.robot_features(scene.pose, scene.velocity, parts)
     robot += [turned(-yaw, scene.goal[:2] - x_y), scene.goal]
@@ -45,7 +46,7 @@ def _own_frame(scene: Observed, parts: int, *, tested: bool, due: int) -> Float[
     each = jnp.concatenate(each, axis=1)
     if not due:
         return jnp.concatenate([*robot, each.reshape(-1)])
-    # Row k of the permutation marks the target that is due k-th.
+    # Row k of the permutation marks the k-th target in that order.
     last = jnp.sum(local[:due] ** 2, axis=-1) + _FAR * scene.inside[:due]
     order = jnp.argsort(last)[:, None] == jnp.arange(due)
     first = jnp.sum(jnp.where(order[:, :, None], each[:due], 0.0), axis=1)  # exact, and no gather

@@ -1,6 +1,6 @@
 """The plan of an expert of MatchRegions: blocks, their order and places, and how it fails.
 
-A plan is drawn once an episode. From it, and from where things are by then, follows the next job:
+A plan is sampled once an episode. From it, and from where things are by then, follows the next job:
 one block and its place. K is the number of target blocks.
 """
 

@@ -55,10 +55,10 @@ def varied(
 ) -> tuple[Places, Bool[Array, ""], Bool[Array, "B"]]:
     """A start that in a `share` of the episodes has the robot anywhere and targets further on.
 
-    Two times in three one target is in the region, unless it is the only one and may be on its way;
-    of the other targets each is somewhere on its way there with probability `on_the_way`, so that
-    what is left to do is short now and then; and
-    with probability `facing` the robot is not anywhere but before a target that is not in it.
+    Two times in three one target is in the region, unless it is the only one and may be on its way.
+    Each other target is somewhere on its way there with probability `on_the_way`, so that some
+    episodes have little left to do. With probability `facing` the robot is not anywhere but before
+    a target that is not in the region.
     The first `targets` blocks are the targets. Returns also whether the start was varied, and the
     blocks that were.
     """

@@ -34,7 +34,7 @@ class MatchRegions(SuiteTask):
 
     Args:
       targets, distractors: block names, "<colour> <shape>", such as "green star".
-      variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter",
+      variant: what is sampled at reset: nothing ("demo"), a little of everything ("jitter",
         +-0.0275 and +-9 degrees), places ("layout"), colours ("color"), shapes ("shape"), forces
         ("dynamics"), or the last four together ("all").
       varied_starts: share of episodes that begin with the robot anywhere, and of those two in three
@@ -145,8 +145,8 @@ class MatchRegions(SuiteTask):
     ) -> State:
         """A start with everything where its box lies, in the order of `objects`, and at rest.
 
-        Boxes do not show angles, which are drawn; a robot that could not stand there at those
-        drawn, as one that holds a block, stands as near as it can. S4 counts from a start of the
+        Boxes do not show angles, which are sampled; a robot that could not stand there at those
+        sampled, as one that holds a block, stands as near as it can. S4 counts from a start of the
         task, as it would had the episode begun there. For variants with the blocks' own shapes and
         colours.
         """

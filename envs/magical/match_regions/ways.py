@@ -101,7 +101,7 @@ def cost_to_go(
     cost = jnp.where(reach < 1.5 * spacing, reach * price, 1e3)
 
     def sweep(_, cost):
-        # Half a step is paid on either side; the border is padded with what never is cheapest.
+        # Each side adds half a step's cost; the padding is too expensive to be the cheapest.
         padded, prices = (jnp.pad(x, 1, constant_values=1e3) for x in (cost, price))
         best = cost
         for i in (-1, 0, 1):

@@ -77,7 +77,7 @@ class FindDupe(SuiteTask):
 
 
 _ODD = 2
-# In MAGICAL's order of colours, of which the first three are drawn for the odd block.
+# In MAGICAL's order of colours, of which the first three are sampled for the odd block.
 _ORIGINAL = tuple(COLOURS.index(colour) for colour in ("red", "green", "blue", "yellow"))
 
 

@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from .plan import OUTSIDE, Kinds, Plan, outside
 from .state import Order
 
-_CANDIDATES, _LAYOUTS = 128, 10  # poses that are drawn for each, layouts that are begun at most
+_CANDIDATES, _LAYOUTS = 128, 10  # poses that are sampled for each, layouts that are begun at most
 _STAR = shapes.SHAPES.index("star")
 _NEAR = np.array([0.025, 0.025, 0.05 * np.pi], np.float32)  # most that Jitter changes a pose by
 _SIDE = 0.0075  # and a region's width or height
@@ -237,7 +237,7 @@ def placed(
 ) -> layouts.Places:  # fmt: skip
     """Everything where its box lies, robot, regions and blocks in the order of `listed`.
 
-    Boxes do not show angles, which are drawn; a robot that could not stand there at those drawn, as
+    Boxes do not show angles, which are sampled; a robot that could not stand at one of those, as
     one that holds a block, stands as near as it can. Blocks that are not there lie outside.
     """
     key_angle, key_there, key_robot = jax.random.split(key, 3)

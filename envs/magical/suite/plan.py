@@ -117,7 +117,7 @@ def each_once(
     key: PRNGKeyArray, drawn: Int[Array, "B"], used: Int[Array, ""] | int
 ) -> Int[Array, "B"]:
     """Values of which the first `used` have each of 0 to 3 at least once, in random order; the
-    others of them are those drawn."""
+    others of them are those sampled."""
     values = jnp.concatenate([jnp.arange(4, dtype=jnp.int32), drawn[4:]])
     last = jax.random.uniform(key, drawn.shape) + (jnp.arange(len(drawn)) >= used)
     return values[jnp.argsort(last)]

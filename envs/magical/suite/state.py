@@ -171,7 +171,7 @@ def robot_names(fingers: bool) -> dict[str, int]:
 def outlines(
     data: SuiteData, robot: Robot, *, arena: float, look: looks.Look, robot_first: bool
 ) -> list[Outline]:
-    """The outlines of one moment, to be painted (host side)."""
+    """The outlines of one state, to be painted (host side)."""
     data, parts = jax.tree.map(np.asarray, data), len(robot.parts)
     blocks = np.flatnonzero(data.shape != NOTHING)
     named = [(COLOURS[data.colour[b]], SHAPES[data.shape[b]]) for b in blocks]

@@ -47,10 +47,10 @@ class SuiteTask:
       physics: the preset, "magical" or "xmagical".
       engine: "kernel", "impulse" (the same in JAX, with gradients), "mjx", or "auto": the kernel
         where it runs, else impulse.
-      variant: what is drawn at reset: nothing ("demo"), a little of everything ("jitter"), colours
+      variant: what reset samples: nothing ("demo"), a little of everything ("jitter"), colours
         ("color"), "shape", places ("layout"), these three and the number of blocks ("countplus"),
         forces ("dynamics"), or all of it ("all"); those that MAGICAL has for the task.
-      reward: the task's own reward; "sparse" is the score of each moment.
+      reward: the task's own reward; "sparse" is the score of each state.
       episode_length: control steps; None is the original's number.
       substeps: physics steps a control step; the original's is 10, as None is.
       iterations: sweeps of the solver a substep; the original's is 10. None: 6.
@@ -192,9 +192,9 @@ class SuiteTask:
     ) -> State:
         """A start with everything where its box lies, in the order of `objects`, and at rest.
 
-        What boxes do not show is drawn. In a variant that draws colours or shapes each is replaced
-        by another one, and where it puts things anywhere the whole scene is turned and moved; see
-        `from_boxes`.
+        What boxes do not show is sampled. In variants with random colours or shapes, each is
+        replaced by another one. Where a variant puts things anywhere, the whole scene is turned and
+        moved; see `from_boxes`.
         """
         key_kinds, key_move, key_place, key_forces = jax.random.split(key, 4)
         kinds, listed = jax.tree.map(jnp.asarray, self._kinds), self._order
@@ -239,7 +239,7 @@ class SuiteTask:
         return simulator.commanded(action, physics=self.physics, dt=self._engine.dt)
 
     def outlines(self, data: SuiteData) -> list[Outline]:
-        """The outlines of one moment, to be painted (host side)."""
+        """The outlines of one state, to be painted (host side)."""
         look = dict(arena=self.arena, look=self.look, robot_first=self.robot_first)
         return state.outlines(data, self.robot, **look)
 

@@ -27,7 +27,7 @@ from .fingers import NONE, PINS, PIVOTS
 from .program import OUTPUTS, control_step
 from .program import Strengths as KernelStrengths
 
-_LEAST = 64  # episodes that are worth a thread
+_LEAST = 64  # least episodes of a thread
 _BLOCK = 64  # threads of a GPU's block
 
 

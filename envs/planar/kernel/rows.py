@@ -1,7 +1,7 @@
 """Active contact rows of one episode: their list, and the solver's passes over them.
 
-The rows lie in the order of `physics.Physics`'s layers, of which each is solved at once there, so
-here too: first the changes of all its rows, then their kicks.
+The rows lie in the order of `physics.Physics`'s layers. As there, the solver treats the rows of a
+layer at once: it computes the changes of all of them, then applies their kicks.
 """
 
 import warp as wp
@@ -25,7 +25,7 @@ class Row:
 
     first: int  # -1 is a wall
     second: int
-    layer: int  # of rows that are solved at once
+    layer: int  # rows of a layer are computed at once
     slot: int  # of the normal impulse in the memory
     tangent_slot: int
     normal: wp.vec2

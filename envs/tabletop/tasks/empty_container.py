@@ -3,7 +3,7 @@
 Things: tray, bin, other bin, block A (the nearest to the bin), block B, block C; blocks take the
 place of RLBench's random solids, and the other bin is painted alone.
 Stages: block A in, block B in, block C in: the centre inside the bin's walls and below 0.06 m, and
-released; in any order. Success: all are in, slower than 0.05 m/s, at 5 moments in a row.
+released; in any order. Success: all are in, slower than 0.05 m/s, in 5 frames in a row.
 """
 
 import jax

@@ -3,7 +3,7 @@
 Things: chest, drawer (its front with the handle), item; it is always the middle drawer, and the
 hand leans by 30 degrees, or it would meet the chest while its fingers are behind the handle.
 Stages: the drawer open, by 12 cm; the item in: its centre within the drawer and below its rim, and
-released. Success: both, the item slower than 0.05 m/s, at 5 moments in a row.
+released. Success: both, the item slower than 0.05 m/s, in 5 frames in a row.
 Places are in the chest's frame: its origin on the table below its middle, the drawer towards +y.
 """
 

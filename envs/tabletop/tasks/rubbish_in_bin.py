@@ -3,7 +3,7 @@
 Things: bin (square, as MJX has no hollow cylinder), rubbish, in one of three places in a row, and
 tomato A, tomato B in the others, spheres whose joints are damped, so that they roll to a stop.
 Stage: the rubbish in: its centre inside the walls and below 0.10 m, and released. Success: it is in
-and slower than 0.05 m/s, with no tomato in the bin, at 5 moments in a row.
+and slower than 0.05 m/s, with no tomato in the bin, in 5 frames in a row.
 """
 
 import jax

@@ -3,7 +3,7 @@
 Things: box, lid, shoe A (the nearer to the box at reset), shoe B.
 Stages: the lid open (it has been at more than 90 degrees: gravity keeps it there), shoe A in, shoe
 B in: the centre inside the walls and below 0.12 m, and released. Success: both shoes are in, slower
-than 0.05 m/s, at 5 moments in a row; the lid may be at any angle then, as in RLBench.
+than 0.05 m/s, in 5 frames in a row; the lid may be at any angle then, as in RLBench.
 Progress: reaching for the lip and the lid's angle; or, for the shoe outside that is nearer to the
 box: reaching, holding it off the ground, its way to above the box's floor, letting it go inside.
 """

@@ -3,7 +3,7 @@
 Things: box, lid, shoe A (the robot's side), shoe B, which lie in it end to end; a start moves each
 by what the box leaves it.
 Stages: the lid open (as for shoes in the box), shoe A out, shoe B out: on the table at the robot's
-left of the box, and released. Success: both shoes are out, slower than 0.05 m/s, at 5 moments in a
+left of the box, and released. Success: both shoes are out, slower than 0.05 m/s, in 5 frames in a
 row; the lid may be at any angle then.
 """
 

@@ -3,7 +3,7 @@
 Things: stand, umbrella, which leans in it; its origin is its tip, its axis z, and a block takes the
 place of its crook.
 Stage: the umbrella out: all of it above the rim of the stand, and held by both fingertips. Success:
-so at 5 moments in a row. Progress: reaching for the crook, holding it, the height of the tip.
+so in 5 frames in a row. Progress: reaching for the crook, holding it, the height of the tip.
 """
 
 import jax

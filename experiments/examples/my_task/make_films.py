@@ -1,6 +1,6 @@
 """Records a hand that pushes the puck, writes boxes beside the videos, and makes a set of them.
 
-python make_films.py            40 videos in films/, the demonstration set in mine/
+python make_films.py            40 videos in `films`, the demonstration set in `mine`
 """
 
 import sys

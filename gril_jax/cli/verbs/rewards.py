@@ -29,9 +29,9 @@ class _Audit:
     variant: Variant | None = None
     """Quantities randomised at the start; None keeps the run's own variant."""
     ascents: int = field(default=1000, metadata=count())
-    """Gradient ascents of the search for states with a high reward and no progress."""
+    """Gradient searches for states with a high reward and no progress."""
     starts: int = field(default=4, metadata=count())
-    """Starts of episodes, around which all states are made."""
+    """Starts of episodes; all states of the audit are made around them."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of all randomness."""
 

@@ -43,33 +43,33 @@ class _Own:
     resume: str | None = None
     """Folder of a run to go on with; with --rows or --seeds it makes more of its study."""
     seeds: int | None = field(default=None, metadata=optional(count()))
-    """Seeds of each row, of which each is one observation; None: the study's, or 5."""
+    """Seeds of each row, each one observation; None: the study's, or 5."""
     rows: str | None = None
     """Names of a study's rows, or patterns such as 'ours *', with commas; None: the study's."""
     base: str | None = None
-    """Another configuration than the study's own."""
+    """A configuration in place of the study's own."""
     quick: bool = False
     """The study's smaller version, for a laptop."""
     rewards_only: bool = False
-    """No policies."""
+    """Learn rewards alone, without policies."""
     ascents: int | None = field(default=None, metadata=optional(count()))
-    """Gradient ascents of a study's audits."""
+    """Gradient searches in a study's audits."""
     starts: int | None = field(default=None, metadata=optional(count()))
-    """Starts that share them."""
+    """Starts of each audit, which share these searches."""
     eval_starts: int | None = field(default=None, metadata=optional(count()))
     """Starts of each variant that finished policies of a study play."""
     sets: str | None = None
     """Folder of demonstration sets, each in a folder of its task's name."""
     videos: str | None = None
-    """Folder of videos, in one folder a task, of which missing sets are made."""
+    """Folder with a folder of videos for each task, to make missing sets from."""
     devices: str | None = None
     """GPUs, each with a process of its own: all, or a number; None: all."""
     cluster: Literal["slurm", "local"] | None = None
-    """Parts as jobs of a cluster."""
+    """Run the parts as jobs of a cluster."""
     cluster_options: str | None = None
     """Options of these jobs, such as slurm_partition=P,timeout_min=60."""
     distributed: bool = False
-    """One sweep of all processes of a SLURM or Kubernetes job."""
+    """Run one sweep in all processes of a SLURM or Kubernetes job."""
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ class _Import:
     task: str | None = None
     """The task whose classes the boxes have; None takes the boxes' own."""
     robot: tuple[str, ...] = ()
-    """Classes that are the robot, or the hand; what they do is no progress."""
+    """Classes of the robot, or of the hand; their own motion is no progress."""
     camera: str | None = None
     """The camera of a LeRobot dataset, if it has several."""
     fps: float | None = field(default=None, metadata=optional(between(0.1, 1000)))

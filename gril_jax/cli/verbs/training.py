@@ -136,12 +136,12 @@ def _redrawn(folder: Path) -> Work:
 class _Eval:
     run: RunFolder
     episodes: int = field(default=256, metadata=count())
-    """Starts to draw; a rate says how many of them are distinct."""
+    """Initial states to sample; a rate says how many of them are distinct."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the episodes."""
     variant: Variant | None = None
-    """Variant of the task to start in. None is as a run evaluates itself: from the variant that has
-    many starts, from the one that starts elsewhere, and from the task's own start if it has one."""
+    """Variant of the task to start in. None is as a run evaluates itself: from perturbed and
+    held-out initial states, and from the nominal one if the task has a single one."""
     engine: Literal["kernel", "impulse", "mjx"] | None = None
     """Physics solver to play in, of MatchRegions and MAGICAL's tasks; None is the run's own."""
     task: str | None = None

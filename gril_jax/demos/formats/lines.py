@@ -82,10 +82,10 @@ def read_mot(path: Path, film: Film) -> list[Box]:
 
         frame,id,left,top,width,height,confidence,class,visibility
 
-    Frames count from 1, and pixels from 0, as trackers write them (in MOTChallenge's own ground
-    truth all boxes lie one pixel to the lower right, as its tools know). A confidence of 0 marks
-    what does not count. A class is a name, or a number of the names file, whose first line is
-    class 1, or 0 if a box is of class 0.
+    Frames count from 1, and pixels from 0, as trackers write them. (In MOTChallenge's own ground
+    truth all boxes lie one pixel to the lower right, as its tools know.) A box with a confidence
+    of 0 does not count. A class is a name, or a number of the names file. Its first line is class
+    1, or class 0 if a box is of class 0.
     """
     lines = [(n, _cells(x)) for n, x in enumerate(read_text(path).splitlines(), 1) if x.strip()]
     file, names = names_beside(path, film.path)

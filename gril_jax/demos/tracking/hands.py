@@ -1,8 +1,8 @@
 """What a hand does to the boxes of others: it cuts them, and it hides what it carries.
 
-A detector sees what sticks out from under a hand; the size that the object has without a hand upon
-it and the edge that is free say where it is. What a hand holds is lost where it lay and found where
-it lies then, and in between it moved as the hand did. T is frames, N objects; edges are in pixels.
+A detector sees only the part of an object that a hand leaves free. The object's size without a hand
+and its free edge give its place. A carried object disappears where it lay and reappears where it is
+put down; in between it moved as the hand did. T is frames, N objects; edges are in pixels.
 """
 
 import itertools
@@ -60,8 +60,9 @@ def uncut(
 
 
 def _usual(sides: Float[np.ndarray, "F 2"], at: int) -> Float[np.ndarray, "2"]:
-    """The sides before and after a place among those that are free, the lesser if they differ: what
-    is carried away from the camera is not cut."""
+    """The free sides before and after a place; the smaller ones if they differ.
+
+    So an object that is carried away from the camera does not count as cut."""
     around = (sides[max(0, at - _FREE) : at], sides[at : at + _FREE])
     return np.min([np.median(part, axis=0) for part in around if len(part)], axis=0)
 
@@ -108,8 +109,8 @@ def carry(
     places or went another way.
 
     Args:
-      hand: its box in each frame of the gap, the last and the next sighting included; NaN where it
-        is not known.
+      hand: its box in each frame of the gap, the last and the next sighting included. An unknown
+        box is NaN.
       before, after: the object's box at these two sightings.
       fps: frames per second.
     """
@@ -158,8 +159,9 @@ def places(
 
 
 def _parts(hand: Float[np.ndarray, "T 4"]) -> list[Float[np.ndarray, "T 2"]]:
-    """The middle of the hand's box, those of its edges, and its corners: where the picture ends an
-    arm, the edges that are left still go with the hand."""
+    """The middle of the hand's box, those of its edges, and its corners.
+
+    Where the picture cuts an arm, the other edges still move with the hand."""
     low, high = hand[:, :2], hand[:, 2:]
     ways = [low, (low + high) / 2, high]
     pairs = sorted(itertools.product((0, 1, 2), repeat=2), key=lambda pair: pair != (1, 1))

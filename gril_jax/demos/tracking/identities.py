@@ -1,8 +1,8 @@
 """Boxes of a video as objects: which box of a frame is which object of a class.
 
-Objects of one class are told apart by where they are from frame to frame, and by their tracker's
-identity while that lasts; a detector's boxes have none. Shapes use T for frames and K for the
-objects of one class.
+Objects of one class are told apart by their positions from frame to frame, and by a tracker's
+identity while that lasts. A detector's boxes have no identity. Shapes use T for frames and K for
+the objects of one class.
 """
 
 from collections import Counter
@@ -84,10 +84,11 @@ def linked(boxes: Sequence[Box], frames: int, count: int) -> Linked:
 
 
 def in_order(edges: Float[np.ndarray, "T K 4"]) -> Int[np.ndarray, "K"]:
-    """The objects of one class, the same way round in every video: by when they first move, and
-    those that do not from left to right; at the end those that are never seen.
+    """The objects of one class, in the same order in every video.
 
-    `edges` are mended. An object moves once it is half of its box's diagonal from where it began.
+    First come those that move, by when they first move. Those that rest follow from left to right,
+    and at the end those that are never seen. `edges` are repaired. An object moves once it is half
+    of its box's diagonal from where it began.
     """
     center = (edges[..., :2] + edges[..., 2:]) / 2
     diagonal = np.linalg.norm(edges[0, :, 2:] - edges[0, :, :2], axis=-1)

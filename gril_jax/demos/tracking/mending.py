@@ -113,8 +113,8 @@ def stray(edges: Edges, window: int, jitter: float = 0.0) -> Bool[np.ndarray, "T
 
 
 def away(edges: Edges, longest: int, jitter: float = 0.0) -> Bool[np.ndarray, "T N"]:
-    """Sightings between a jump and one back, of at most `longest` frames: of something else, as
-    where two identities are exchanged for a moment. A jump is one of place or of size; the second
+    """Sightings of something else: at most `longest` frames between a jump and a jump back, as
+    where two identities are exchanged briefly. A jump is one of place or of size; the second
     need not lead back where there is a gap of more frames on one side."""
     found = np.zeros(edges.shape[:2], bool)
     for each in range(edges.shape[1]):
@@ -156,8 +156,10 @@ def lone(edges: Edges, window: int) -> Bool[np.ndarray, "T N"]:
 
 
 def jitter_of(edges: Edges) -> float:
-    """Standard deviation of a centre's error along one axis, pixels, by how far each centre is from
-    the line through its neighbours: what moves steadily adds nothing. 0 where too little is seen.
+    """Standard deviation of a centre's error along one axis, in pixels.
+
+    It is estimated from the distance of each centre to the line through its neighbours, so steady
+    motion adds nothing. 0 where too little is seen.
     """
     center = (edges[..., :2] + edges[..., 2:]) / 2
     bend = center[:-2] - 2 * center[1:-1] + center[2:]
@@ -166,8 +168,9 @@ def jitter_of(edges: Edges) -> float:
 
 
 def closed(edges: Edges, bridged: int) -> Edges:
-    """Edges without gaps: short ones are bridged in a line, in longer ones the last box stays, and
-    before its first sighting an object is where that is."""
+    """Edges without gaps: short ones are interpolated, in longer ones the last box stays.
+
+    Before its first sighting an object has the box of that sighting."""
     found = edges.copy()
     frames = np.arange(len(edges))
     for each in range(edges.shape[1]):

@@ -153,8 +153,9 @@ def in_world(
     shape: tuple[int, int],
     scale: float,
 ) -> Tracks:
-    """Tracks in world units of sightings in pixels, in frames of a height and width; without gaps,
-    and at rest where they move less than the codec's slack."""
+    """Tracks in world units of sightings in pixels, in frames of a height and width.
+
+    They have no gaps, and rest where they move less than the codec's slack."""
     center, size = carried(center, seen), carried(size, seen)
     for track in (*np.moveaxis(center, 1, 0), *np.moveaxis(size, 1, 0)):
         hold(track)
@@ -164,8 +165,9 @@ def in_world(
 
 
 def hold(track: np.ndarray) -> None:
-    """Smooths a track like a cart on a slack rope: it rests until the rope is taut, where a plain
-    dead band would jump by its whole width when noise crosses it."""
+    """Smooths a track like a cart on a slack rope: it rests until the rope is taut.
+
+    A plain dead band would jump by its whole width when noise crosses it."""
     for t in range(1, len(track)):
         pull = track[t] - track[t - 1]
         distance = float(np.linalg.norm(pull))

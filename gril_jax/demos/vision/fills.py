@@ -1,8 +1,8 @@
 """Detects the objects of MAGICAL's tasks by their fills: regions, and blocks that touch.
 
 A block's outline is darker than its fill and keeps two that touch apart, also after a codec. Blocks
-hide neither each other nor the robot, so each is one part of its colour's fill in every frame;
-twins are told apart by where they were one frame before.
+hide neither each other nor the robot, so each is one part of its colour's fill in every frame.
+Blocks of the same colour are told apart by where they were one frame before.
 World coordinates have their origin in the middle of the frame and y up; T is frames, N objects.
 """
 
@@ -46,11 +46,11 @@ class FillDetector:
     classes: Sequence[str] = SUITE_CLASSES
 
     def detect(self, frames: UInt8[np.ndarray, "T H W 3"], *, name: str = "video") -> Tracks:
-        """Boxes of all objects in all frames, in the order of the class names, those of one class
-        by their place in the first frame, from left to right.
+        """Boxes of all objects in all frames, in the order of the class names.
 
-        An object that is lost in a frame keeps its last box. No frame, no robot, or a block whose
-        number changes in more than half of the frames is a DemoError.
+        Those of one class are ordered from left to right in the first frame. An object that is lost
+        in a frame keeps its last box. No frame, no robot, or a block whose number changes in more
+        than half of the frames is a DemoError.
         """
         if len(frames) == 0:
             raise DemoError(f"{name}: the video holds no frames, at least 1 is needed.")

@@ -94,8 +94,8 @@ def fit_blob(
 ) -> list[Pose]:
     """Poses of shapes that together cover a mask, 1 where the blocks' colour is.
 
-    `previous` are their poses in the frame before, as far as they are known, `scale` pixels per
-    world unit, and `unknown` pixels whose colour says nothing about blocks.
+    `previous` are their poses in the frame before, as far as they are known. `scale` is in pixels
+    per world unit, and `unknown` marks pixels whose colour says nothing about blocks.
     """
     field = _Field(mask, scale, unknown)
     poses = [

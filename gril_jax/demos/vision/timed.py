@@ -1,7 +1,7 @@
 """Videos by their time stamps: how long they are, and their pictures at equal steps of time.
 
-A telephone's video has no constant frame rate, may be turned, and is large: only the pictures that
-are kept are ever held, and those are made smaller.
+A telephone's video has no constant frame rate, may be turned, and is large. So only the pictures
+that are kept are in memory, and those are made smaller.
 """
 
 import os
@@ -72,7 +72,7 @@ def steps(times: Sequence[float], fps: float) -> Float[np.ndarray, "K"]:
 
 
 def nearest(times: Sequence[float], at: Float[np.ndarray, "K"]) -> Int[np.ndarray, "K"]:
-    """The index of the time nearest to each moment; of two the earlier.
+    """The index of the time nearest to each of `at`; of two the earlier.
 
     >>> nearest([0.0, 0.1, 0.35], np.array([0.0, 0.2, 0.3])).tolist()
     [0, 1, 2]

@@ -33,10 +33,10 @@ def write_video(
     *,
     preset: str = "medium",
 ) -> None:
-    """Writes frames of one size, with even sides, as H.264 in MP4; the file appears complete or not
-    at all, in a folder that exists, in place of an older one.
+    """Writes frames of one size, with even sides, as H.264 in MP4.
 
-    `preset` is the encoder's: "veryfast" takes a third of the time for what a camera videos.
+    The file appears complete or not at all, in a folder that exists, in place of an older one.
+    `preset` is the encoder's: "veryfast" takes a third of the time for pictures of a camera.
 
     Raises:
       DemoError: no frames, a frame of another or an odd size, or the file cannot be written.
@@ -86,8 +86,9 @@ def _encode(
 
 
 def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
-    """All frames of a video file, in any usual format, in display order and turned as they are
-    shown; a DemoError if the file is missing, empty, damaged, cut short, no video, or too large for
+    """All frames of a video file, in any usual format, in display order and turned as shown.
+
+    A DemoError says if the file is missing, empty, damaged, cut short, no video, or too large for
     the memory."""
     path = pathlib.Path(path)
     with opened(path) as container:

@@ -60,7 +60,7 @@ def write(
     """Writes a checkpoint from a copy on the host; one writer per folder at a time.
 
     Of those in the folder the `keep` newest stay, or all; a step that exists is a RunError. The
-    manifest has the mark of the metrics at that moment.
+    manifest has the mark of the metrics at that time.
     """
     final, part = folder / f"{step:012d}", folder / f".{step:012d}.part"
     if (final / FILE).exists():
@@ -299,7 +299,7 @@ def _orbax() -> Iterator[ocp.Checkpointer]:
     with ocp.Checkpointer(handler, multiprocessing_options=alone) as checkpointer:
         yield checkpointer
     # Not after an error, of which the first is raised: files that were still being written then
-    # have errors of their own, moments later.
+    # have errors of their own, a little later.
     sys.unraisablehook = hook
     for logger, level in zip(loggers, before, strict=True):
         logger.setLevel(level)

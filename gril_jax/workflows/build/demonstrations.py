@@ -30,7 +30,7 @@ class Demonstrations(NamedTuple):
 
     demo_set: DemoSet
     names: dict[str, list[str]]  # "train", "validation" and "failure" to demonstrations
-    trimmed: int  # frames cut from the static tails, in all
+    trimmed: int  # frames cut from the static ends, in all
 
     def batch(self, split: str) -> DemoBatch:
         """The demonstrations of one split, which must not be empty."""
@@ -65,8 +65,8 @@ def gather(config: RunConfig, env: Env | None, folder: Path, progress: Progress)
     """Loads `config.demos.path`, or the set in `folder`, which is made first if missing.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn
-    from videos with more; without a task all are kept. Failures never train the encoder. Raises
-    DemoError if the set cannot be used for this task.
+    from videos with more. Without a task all objects are kept. Failures never train the encoder.
+    Raises DemoError if the set cannot be used for this task.
     """
     if env is None and config.demos.path is None:
         raise DemoError("env.name is none, but no videos are given: name a set with --demos")
@@ -80,8 +80,9 @@ def gather(config: RunConfig, env: Env | None, folder: Path, progress: Progress)
 
 
 def require_usable(config: RunConfig, env: Env | None, *, begun: bool = False) -> None:
-    """Raises ConfigError before any work if a task has neither demonstrations nor an expert, or if
-    the set of a run that has not begun cannot be used."""
+    """Raises ConfigError before any work if a task has neither demonstrations nor an expert.
+
+    Also if the set of a run that has not begun cannot be used."""
     if config.demos.path is None and env is not None:
         expert = env.expert if config.env.is_own else envs.spec(config.env.name).demonstrate
         if not expert:

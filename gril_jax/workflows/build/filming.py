@@ -85,8 +85,10 @@ def _dashes(vertices: np.ndarray, dash: float, width: float) -> list[np.ndarray]
 def paint(
     outlines: Iterable, *, half_extent: float, background: tuple[int, int, int], pixels: int = 384
 ) -> UInt8[np.ndarray, "P P 3"]:
-    """Paints outlines in order, with smooth edges; widths of lines and dashes are in pixels of a
-    square picture of 384, which shows the world as far as `half_extent` from its middle."""
+    """Paints outlines in order, with smooth edges.
+
+    Widths of lines and dashes are in pixels of a square picture of 384, which shows the world as
+    far as `half_extent` from its middle."""
     image = np.full((pixels, pixels, 3), background, np.uint8)
     zoom = pixels / 384
     for item in outlines:

@@ -3,9 +3,9 @@
 gril pretrain quickstart --hard-negatives RUN          one round
 gril train quickstart --hard-negatives RUN,RUN         the runs of two rounds together
 
-The policies of finished runs play in their own task. The boxes of what they did, their own learned
-reward and the demonstrations' last frames alone decide what is chosen: no reward of the task and no
-success. The scenes teach with the weight `loss.perturbation_weight`.
+The policies of finished runs play in their own task. States are chosen by the boxes of
+these episodes, the policies' learned rewards and the demonstrations' last frames alone, without the
+task's reward or success. The scenes enter the loss with the weight `loss.perturbation_weight`.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ from gril_jax.types import DemoBatch
 from . import policy_setup, setup
 
 _FILE = "hard_negatives.npz"
-_EACH = 256  # scenes of each run; a batch of eight videos draws 64
+_EACH = 256  # scenes of each run; a batch of eight videos samples 64
 
 Echo = Callable[[str], None]
 

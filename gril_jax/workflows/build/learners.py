@@ -84,7 +84,7 @@ def _of_boxes(config, demos, pool) -> Learner:
 def _of_members(static: Static):
     """`init` and `step`; for an ensemble, those of its members, each with a separate key.
 
-    Networks begin apart and draw other batches. The metrics are their means.
+    Networks begin apart and sample other batches. The metrics are their means.
     """
     members = num_members(static.encoder)
     one = dataclasses.replace(static, encoder=member(static.encoder))
@@ -108,7 +108,7 @@ def _of_members(static: Static):
 def _of_frames(config, demos) -> Learner:
     static = setup.pixel_pretrain_config(config)
     env, pixels = setup.task_of(config.env), config.encoder.pixels
-    # No more than the pictures that a policy is paid for; else all that the videos show.
+    # No more than the pictures that give a policy its reward; else all that the videos show.
     half_extent = setup.seen_half_extent(env, pixels) if hasattr(env, "render") else None
 
     @functools.cache  # the seeds of a row are measured on the same videos

@@ -94,8 +94,9 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
 
 
 def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:
-    """The classes of the task's objects in Demo, in its order, and which of them are there: what
-    videos show, whatever the variant draws (`place` sees to that)."""
+    """The classes of the task's objects in Demo, in its order, and which of them are there.
+
+    Videos show these, whatever the variant samples (`place` ensures that)."""
     counts = config.env.variant in ("countplus", "all")
     room = ("padded=True",) if counts and "padded" in envs.options(config.env.name) else ()
     options = (*config.env.options, *room)

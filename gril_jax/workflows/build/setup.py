@@ -71,8 +71,9 @@ def task_options(
 
 
 def _own_options(config: EnvConfig, *, training: bool, variant: str | None) -> dict[str, Any]:
-    """The options of a user's own task: those that are meant for it, and what the section `env`
-    says of starts and of its own reward, as far as it takes them."""
+    """The options of a user's own task: those that are meant for it, and fields of `env`.
+
+    Of the section `env` it gets the fields on starts and on its own reward that it accepts."""
     found: dict[str, Any] = {"varied_starts": config.varied_starts if training else 0.0}
     if (variant or config.variant) != EnvConfig.variant:
         found["variant"] = variant or config.variant

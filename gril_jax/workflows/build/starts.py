@@ -1,4 +1,4 @@
-"""Starts that a policy is evaluated from: drawn for each variant, and counted."""
+"""Starts that a policy is evaluated from: sampled for each variant, and counted."""
 
 import dataclasses
 import functools
@@ -54,7 +54,7 @@ def evaluated_from(config: EnvConfig) -> registry.Starts:
 
 @functools.cache
 def distinct(config: EnvConfig, variant: str | None, count: int) -> int:
-    """The number of distinct starts among so many of a variant, by drawing as many."""
+    """The number of distinct starts among so many of a variant, by sampling as many."""
     env = setup.make_env(config, training=False, variant=variant)
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), count))
     return int(which(states).max()) + 1

@@ -25,7 +25,7 @@ from gril_jax.runs.memory import Run
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import learners, setup
 
-# Updates for which the compiler's slow optimisations do not pay on a GPU: they do after 4,300 with
+# Up to so many updates the compiler's slow optimisations save no time on a GPU: after 4,300 with
 # displaced copies, 7,800 without (H200, JAX 0.11).
 _FEW_UPDATES = 5000
 

@@ -53,7 +53,7 @@ class Plan(NamedTuple):
         return self.done(chunk + 1) - self.done(chunk)
 
     def examines(self, chunk: int) -> bool:
-        """True if an evaluation falls due in a chunk, which then ends with it."""
+        """True if an evaluation is scheduled in a chunk, which then ends with it."""
         due = [self.done(n) * self.evaluations // self.updates for n in (chunk, chunk + 1)]
         return due[0] != due[1]
 
@@ -89,8 +89,9 @@ def compiled_for(
     tasks: Sequence[Any],
     plan: Plan,
 ) -> Compiled:
-    """Compiles the training of configurations that differ in traced numbers and seeds alone; parts
-    of the environments are evaluated in these tasks, in either kind of actions."""
+    """Compiles the training of configurations that differ in traced numbers and seeds alone.
+
+    Parts of the environments are evaluated in these tasks, with both kinds of actions."""
     started = time.monotonic()
     layout = sharding.mesh(devices, seeds=len(configs), num_envs=algorithm.num_envs)
     with ahead.tracing():
@@ -157,7 +158,8 @@ def metrics_of(plan: Plan, done: int, found: Any) -> dict[str, list[float]]:
     """A chunk's line of metrics: of each quantity one number a policy.
 
     `found` are (metrics, scores) with a leading axis of policies, and `done` the chunks so far.
-    Where an evaluation fell due, its scores are there, too, with deterministic actions and sampled.
+    Where an evaluation was scheduled, its scores with deterministic and sampled actions are there,
+    too.
     """
     metrics, scores = found
     each = [

@@ -37,7 +37,7 @@ class Task:
         self.speed = speed  # an option: --env.options speed=0.1
 
     def reset(self, key):
-        """A start; success is counted over as many different ones as this draws."""
+        """A start; success is counted over as many different ones as this samples."""
         key_robot, key_block = jax.random.split(key)
         block = jax.random.uniform(key_block, (2,), minval=-0.5, maxval=0.2)
         angle = jax.random.uniform(key_robot, (), maxval=2 * jnp.pi)

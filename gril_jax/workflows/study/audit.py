@@ -48,8 +48,10 @@ class Ground(NamedTuple):
 
 
 class Audit(Measure):
-    """The audit from so many starts of each variant of a row's task, which share the ascents; those
-    of None are the configuration's `run.audit`; without them, or without stages, there is none."""
+    """The audit from so many starts of each variant of a row's task.
+
+    The starts share `ascents` gradient searches; None takes the configuration's `run.audit`.
+    Without searches, or without stages, there is no audit."""
 
     name, compiled = "audit", True
 
@@ -66,7 +68,7 @@ class Audit(Measure):
         return bool(self.ascents or (config.run.audit and staged))
 
     def same(self, config):
-        """The task, the encoder's form and the number of ascents."""
+        """The task, the encoder's form and the number of gradient searches."""
         encoder = setup.encoder_config(config, num_classes(config.env))
         return task_key(config), encoder, self.ascents or config.run.audit
 

@@ -192,8 +192,9 @@ _KINDS = "*.pkl.gz", "*.mp4"
 
 
 def make_sets(configs: Iterable[RunConfig], films: str | None, echo: Echo) -> None:
-    """Makes the demonstration sets that are missing, from a folder with a folder of videos for each
-    task; a DemoError, before any is made, if videos are missing."""
+    """Makes missing demonstration sets from a folder with a folder of videos for each task.
+
+    Raises DemoError, before any set is made, if videos are missing."""
     sets = {c.demos.path: c.env.name for c in configs if c.demos.path is not None}
     missing = {
         Path(out): task for out, task in sets.items() if not (Path(out) / "demos.json").is_file()

@@ -1,7 +1,7 @@
 """Measures of the rewards that a study's rows have learned, such as their audit.
 
-A row's measure is kept as the phase `NAME-CELL`, so that a run that goes on does not repeat it; in
-a line are its lists of numbers, which have one for each reward. Shapes use S for rewards.
+A row's measure is kept as the phase `NAME-CELL`, so that a run that goes on does not repeat it. A
+line has its lists of numbers, with one number for each reward. Shapes use S for rewards.
 """
 
 import functools
@@ -147,9 +147,9 @@ class Profiles(Measure):
         return [_profiles(static).lower(params, hyper, batch) for batch in self._batches(config)]
 
     def measure(self, programs, config, found):
-        """Numbers of each encoder: two-way cycle consistency, tau of reward and time, last reward;
-        `success` and `failure` are rewards along each demonstration of the first, with three
-        decimals."""
+        """Numbers of each encoder: two-way cycle consistency, tau of reward and time, last reward.
+
+        `success` and `failure` are the first reward along each demonstration, three decimals."""
         params, hyper = stack([one.params for one in found]), setup.pretrain_hyper(config)
         numbers: list[dict[str, Any]] = []
         traces: list[list[list[float]]] = []

@@ -67,8 +67,9 @@ def make(
 
 
 def split(plan: Plan, count: int) -> list[dict[str, list[int]]]:
-    """The work in at most so many parts with about as many steps each; rows with the same reward,
-    and the seeds of a row, are together where they can be."""
+    """The work in at most so many parts with about as many steps each.
+
+    Rows with the same reward, and the seeds of a row, are together where they can be."""
     groups: dict[Hashable, int] = {}
     for name in plan.work:
         config = plan.rows[name]
@@ -198,8 +199,10 @@ def _started(part: Path, device: str | None, environment: Mapping[str, str]) -> 
 
 
 def on_a_cluster(kind: str, options: str | None, echo: Echo) -> CarryOut:
-    """Carries parts out as jobs, one GPU each unless the options say otherwise; a ConfigError if
-    these are not KEY=VALUE with commas between, or if submitit is not installed."""
+    """Carries parts out as jobs, one GPU each unless the options say otherwise.
+
+    Raises ConfigError if these are not KEY=VALUE with commas between, or if submitit is not
+    installed."""
     if importlib.util.find_spec("submitit") is None:
         raise ConfigError(
             "--cluster needs the package submitit, which is not installed: "

@@ -169,8 +169,8 @@ def learn_policies(
     """Trains a program's policies: results and files of its phase of the run.
 
     `demos` are the demonstrations of a configuration, for training that begins at their frames.
-    Scores during training are rows of the run's metrics: `success` is with deterministic actions
-    in the first of the tasks, `success_sampled` with sampled ones, and `success_layout` and
+    Scores during training are rows of the run's metrics. `success` is with deterministic actions
+    in the first of the tasks, `success_sampled` with sampled ones. `success_layout` and
     `success_layout_sampled` are those in "layout".
     """
     rows, algorithm = program.rows, program.algorithm

@@ -96,8 +96,9 @@ def is_study(name: str | None) -> bool:
 
 
 def load(name: str, *, quick: bool = False) -> Study:
-    """Reads a study by its name or path, or the smaller one that `quick` of its file describes;
-    ConfigError if it is not as it must be."""
+    """Reads a study by its name or path, or the smaller one that `quick` of its file describes.
+
+    A malformed file is a ConfigError."""
     shipped = name in names()
     file = resources.files(_PACKAGE) / f"{name}.yaml" if shipped else Path(name)
     try:

@@ -49,8 +49,9 @@ class Curve:
 
     @property
     def headline(self) -> str:
-        """What stands behind the names of the scores that tell most: those of the first variant
-        that has several starts, such as "_jitter"; "" for the first of all."""
+        """The suffix of the most informative scores, such as "_jitter"; "" for the first variant.
+
+        They are those of the first variant that has several starts."""
         several = [name for name, counted in self.starts.items() if counted.distinct > 1]
         return "" if not several or several[0] == next(iter(self.starts)) else f"_{several[0]}"
 
@@ -201,8 +202,9 @@ def curves(folder: Path, phases: Mapping[str, Mapping[str, Any]]) -> list[Curve]
 
 
 def numbers(curve: Curve) -> dict[str, float]:
-    """What a policy came to: each score as its mean over the evaluations in the last tenth of its
-    training, the starts that one of them counts, and steps to levels of success."""
+    """A policy's scores: the means over the evaluations in the last tenth of its training.
+
+    Also the number of starts of one evaluation, and the steps to levels of success."""
     last = in_last_tenth(curve.env_steps)
     found = {name: float(values[last].mean()) for name, values in curve.scores.items()}
     found["env_steps"] = float(curve.env_steps[-1])

@@ -64,8 +64,9 @@ def learns(config: RunConfig) -> bool:
 
 
 def without_twins(rows: Mapping[str, RunConfig]) -> tuple[dict[str, RunConfig], dict[str, str]]:
-    """The rows but for those with the results of an earlier one, and these with its name: a policy
-    that learns no reward ignores how one would be learned."""
+    """The rows without those that repeat an earlier one, and these with its name.
+
+    A policy that learns no reward ignores the options of learning one, so such rows may repeat."""
     usual, kept, twins = RunConfig(), {}, {}
     first: dict[RunConfig, str] = {}
     for name, config in rows.items():

@@ -69,7 +69,7 @@ def median_reached(values: Values, count: int) -> str:
 
 
 def solved(values: Values, count: int) -> str:
-    """The number of policies that solve a single start, mean actions: `4 of 5 policies succeed`."""
+    """The number of policies that succeed from a single start: `4 of 5 policies succeed`."""
     return f"{int((values >= SURE).sum())} of {len(values)} policies succeed"
 
 
@@ -143,7 +143,7 @@ def _of_policies(found: Found) -> list[Section]:
 
 
 def _success(found: Found, variant: str, suffix: str) -> list[Column]:
-    """Success with deterministic and with sampled actions; of one start, who solves it."""
+    """Success with deterministic and with sampled actions; of one start, how many succeed."""
     counted, played = (found.counted(variant, sampled=x) for x in (False, True))
     single = counted.startswith("one ")
     words, write = ("", solved) if single else ("success, ", percent)
@@ -197,11 +197,11 @@ def _of_rewards(names: Sequence[str]) -> list[Section]:
 def _of_audit(variant: str) -> Section:
     names = ("order", "hack_gap", "touch", "push", "misranked")
     return Section(
-        f"The audit from {variant.capitalize()} starts. Order: share of pairs of made-up states "
-        "whose rewards are in the order of their true progress. Hack gap: the reward of the worst "
-        "success, of those well inside, less that of the best state without progress. Touch, push: "
-        "what the best touch or wrong push gains, as a share of what success gains. Outbid: share "
-        "of all successes with no higher reward than the best state without progress.",
+        f"The audit from {variant.capitalize()} starts. Order: share of pairs of synthetic "
+        "states that the reward ranks as their true progress does. Hack gap: the lowest reward of "
+        "a clear success less the highest reward without progress. Touch, push: largest rise of "
+        "the reward by a touch or a wrong push, as a share of its rise by success. Misranked: "
+        "share of all successes whose reward is not above the highest without progress.",
         [Column(f"{name}_{variant}", name.replace("_", " ")) for name in names],
     )
 

@@ -1,7 +1,7 @@
 """Finished policies in every variant of their task, as they are: nothing is trained there.
 
-In a variant other things are drawn at the start: places, colours, shapes, forces, how many blocks
-there are; observations are padded, so that a policy can play all of them.
+In a variant other quantities are sampled at the start: places, colours, shapes, forces, the number
+of blocks. Observations are padded, so that a policy can play all variants.
 
 Shapes use K for policies, E for episodes and T for control steps.
 """
@@ -36,7 +36,7 @@ _STARTS = 64  # of each variant
 
 
 class Played(NamedTuple):
-    """Last moments of E episodes of each of K policies, and one video of each."""
+    """Last states of E episodes of each of K policies, and one video of each."""
 
     score: Float[Array, "K E"]
     success: Float[Array, "K E"]

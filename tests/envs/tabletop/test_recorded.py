@@ -109,7 +109,7 @@ def test_only_training_has_varied_starts_and_they_must_come_from_somewhere(monke
     setup.make_env(config, training=True)
     setup.make_env(config, training=False)
     assert [options["varied_starts"] for options in asked] == [0.3, 0.0]
-    with pytest.raises(ValueError, match=r"varied_starts is 0\.3, but there are no moments"):
+    with pytest.raises(ValueError, match=r"varied_starts is 0\.3, but no recorded states"):
         Tabletop(TASK, varied_starts=0.3)
     with pytest.raises(ValueError, match=r"varied_starts is 2\.0, but must be between 0 and 1"):
         Tabletop(TASK, varied_starts=2.0)
