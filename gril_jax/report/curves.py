@@ -217,8 +217,9 @@ def pretrain_curve(rows: Sequence[Mapping[str, Any]], weights: Mapping[str, floa
     if lowest and min(lowest) > 0:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
-        # Ticks at 2, 3, ... 9: naming two of them is enough to read a range below a decade.
-        axes.yaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
+        # Ticks at 2, 3, ... 9: naming two of them is enough to read a range of a decade or so.
+        named = "25" if axes.get_ylim()[1] < 100 * axes.get_ylim()[0] else ""
+        axes.yaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in named else "")
         axes.tick_params(axis="y", which="minor", labelsize=9)
     axes.set(title="Encoder training", xlabel="gradient steps", ylabel="loss")
     axes.legend(loc="best")
