@@ -5,12 +5,14 @@ codes: 0 done, 1 failed at work, 2 a wrong command line, 128 and the number of a
 """
 
 import errno
+import io
 import os
 import signal
 import sys
 import textwrap
 from collections.abc import Sequence
 from importlib import metadata
+from typing import TextIO
 
 from gril_jax.config.command_line import nearest
 from gril_jax.errors import ConfigError, GrilError
@@ -35,6 +37,7 @@ this is, and `gril --tyro-print-completion SHELL` prints what lets the Tab key f
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command line and returns the exit code; `argv` defaults to `sys.argv`."""
     args = list(sys.argv[1:] if argv is None else argv)
+    make_printable(sys.stdout, sys.stderr)
     code = 2
     try:
         with heard():
@@ -57,7 +60,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("gril: interrupted.", file=sys.stderr)
         return 130
     except SystemExit as stop:  # tyro has printed the help
-        return 0 if stop.code is None else int(stop.code)
+        if isinstance(stop.code, str):  # of a user's own code
+            print(f"gril: {stop.code.rstrip('.')}.", file=sys.stderr)
+        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except BrokenPipeError:  # the reader of a pipe has had enough, as in `gril --help | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -67,6 +72,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"gril: {said}.", file=sys.stderr)
         return code
+
+
+def make_printable(*streams: TextIO | None) -> None:
+    """Lets streams write an escape for a letter that they lack, as a pipe in ASCII lacks most.
+
+    All that is said goes through them: sentences, progress, help and reports."""
+    for stream in streams:
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 # What a machine refuses a program that makes no mistake.

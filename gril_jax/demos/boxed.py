@@ -26,6 +26,7 @@ from .vision.timed import pictures, steps
 
 WIDTHS, _HALF = "widths of the picture", 0.5
 _FASTEST = 10.0  # frames a second: a hand's work needs no more
+_FASTER = 1.01  # times its rate that a video of 29.97 frames a second may be asked for
 _RESTING = 0.02  # half extents: what is nearer to its last place has arrived
 _DEVIATIONS = 3.0  # of the jitter, which the same takes of boxes that jitter
 _MEDIAN = 3  # frames of the median over positions that jitter calls for
@@ -127,11 +128,23 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
         for name, number in counts.items()
         for k in range(number)
     )
+    _require_rate(films, fps)
     words = tuple(nodes if classes is None else classes)
     if len({*words}) < len(words):
         twice = next(word for word in words if words.count(word) > 1)
         raise DemoError(f"{folder}: {twice!r} is a class, and also one of several of a class.")
     return _Plan(films, [*boxes], [*outside], words, counts, nodes, round(rate, 6))
+
+
+def _require_rate(films: Sequence[Film], fps: float | None) -> None:
+    """Raises DemoError for more frames a second than the slowest video has: what is between its
+    frames nobody saw."""
+    slowest = min(films, key=lambda film: film.fps)
+    if fps is not None and fps > slowest.fps * _FASTER:
+        raise DemoError(
+            f"{slowest.path}: fps is {fps:g}, but the video has {slowest.fps:.4g} frames a second, "
+            "and a set can have no more than its slowest video."
+        )
 
 
 def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
@@ -213,7 +226,7 @@ def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
     about = Found(
         film.name, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.carried,
         mend.off, renewed, extra, plan.outside[number], float(film.times[int(first.max())]),
-        mend.jitter, mend.smoothing,
+        mend.jitter, mend.smoothing, film.note,
     )  # fmt: skip
     return replace(whole, trimmed=cut).during(slice(kept)), about
 

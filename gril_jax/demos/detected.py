@@ -1,25 +1,14 @@
-"""Demonstrations whose boxes a detector finds: by colour, or a function of one's own.
+"""Demonstrations of objects that are found by their colour, in videos or MAGICAL's recordings.
 
-By colour, all videos have one frame rate, which is the set's, and boxes are taken as they were
-found. A function, or `module:function`, is called in this process:
-
-    def detect(frames):                       # (T, H, W, 3) uint8, RGB
-        return [[("cup", 317, 295, 371, 349, 0.93), ...], ...]   # of each frame
-
-A box is a class, x_min, y_min, x_max, y_max in pixels, and if it likes a confidence.
+All videos have one frame rate, which is the set's, and boxes are taken as they were found.
 """
 
 import functools
-import importlib
-import itertools
 import re
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from gril_jax.config import EnvConfig
 from gril_jax.errors import DemoError
@@ -27,22 +16,14 @@ from gril_jax.threads import parallel_map
 
 from .demo import Demo, trim_static_tail
 from .demo_set import DemoSet
-from .formats.record import Box, Film, box, checked
 from .magical_pickles import FPS, HALF_EXTENT, list_magical, read_magical
 from .schema import ROBOTS
 from .vision.detect import PALETTE_CLASSES, ColourDetector, Detector
 from .vision.fills import FillDetector
 from .vision.palette import SUITE
-from .vision.timed import frames_of
 from .vision.video import read_fps, read_video
 
 WORLD = "world units"  # that whoever imports videos has named by their half extent
-
-Detect = Callable[[np.ndarray], Iterable[Sequence[tuple]]]
-"""(frames) -> for each frame its boxes: class, x_min, y_min, x_max, y_max, and at most a
-confidence, in pixels."""
-
-_TOGETHER = 32  # frames that a detector is given at once
 
 
 def by_colour(
@@ -160,63 +141,3 @@ def _trimmed(
         tuple(found), classes=classes, half_extent=float(detector.half_extent),
         robots=() if alone else None, **about,
     )  # fmt: skip
-
-
-def detecting(given: str | Detect) -> Callable[[Film], list[Box]]:
-    """(video) -> its boxes, by a function or that of this name."""
-    detect = _found(given) if isinstance(given, str) else given
-    name = given if isinstance(given, str) else getattr(given, "__name__", "detector")
-
-    def boxes(film: Film) -> list[Box]:
-        made, first = [], 0
-        for frames in _batches(film):
-            try:
-                rows = list(detect(frames))
-            except Exception as error:  # whatever a detector of theirs may raise
-                raise DemoError(
-                    f"{name}: failed on {film.path.name}, frames {first} to "
-                    f"{first + len(frames) - 1} ({type(error).__name__}: {error})."
-                ) from error
-            if len(rows) != len(frames):
-                raise DemoError(
-                    f"{name}: gave boxes of {len(rows)} frames for {len(frames)} of "
-                    f"{film.path.name}; it must give a list for each."
-                )
-            for frame, row in enumerate(rows, first):
-                where = f"{name}, {film.path.name}, frame {frame}"
-                made += [_box(film, frame, one, where) for one in row]
-            first += len(frames)
-        return checked(made, Path(name), film)
-
-    return boxes
-
-
-def _found(name: str) -> Detect:
-    module, colon, function = name.partition(":")
-    if not colon or not function:
-        raise DemoError(f"the detector {name!r} must be module:function.")
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # a file in the folder in which the command was given
-    try:
-        found = getattr(importlib.import_module(module), function)
-    except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        raise DemoError(f"the detector {name} cannot be imported ({error}).") from error
-    if not callable(found):
-        raise DemoError(f"the detector {name} is a {type(found).__name__}, but must be a function.")
-    return found
-
-
-def _batches(film: Film) -> Iterator[np.ndarray]:
-    frames = frames_of(film)
-    while batch := [*itertools.islice(frames, _TOGETHER)]:
-        yield np.stack(batch)
-
-
-def _box(film: Film, frame: int, given: object, where: str) -> Box:
-    if not isinstance(given, (tuple, list)) or len(given) not in (5, 6):
-        raise DemoError(
-            f"{where}: a box must be class, x_min, y_min, x_max, y_max and at most a confidence, "
-            f"not {given!r:.60}."
-        )
-    sure = given[5] if len(given) == 6 else 1.0
-    return box(film, frame, given[0], given[1:5], where, confidence=sure)

@@ -26,6 +26,7 @@ class Found(NamedTuple):
     late: float  # seconds until the last object is first seen
     jitter: float  # of centres along one axis, pixels of the video
     smoothing: int  # frames of the video that boxes were smoothed over
+    note: str | None = None  # on its time stamps
 
 
 def text(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> str:
@@ -66,6 +67,7 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
         )
     if not robots:
         lines.append("no class is the robot's or the person's: name it as the robot if one is")
+    lines += [f"{film.name}: {film.note}" for film in films if film.note]
     for film in films:
         if lacks := [name for name, count in film.objects.items() if not count]:
             lines.append(f"doubtful: {film.name} never shows {', '.join(lacks)}")

@@ -17,14 +17,15 @@ from gril_jax.threads import parallel_map
 
 from . import boxed, detected
 from .demo_set import DemoSet, load_demo_set, save_demo_set
-from .detected import Detect, detecting
+from .folders import videos_in, visible
 from .formats import boxes_of, lerobot
 from .formats.record import Box, Film
+from .magical_pickles import FPS
+from .own_detector import Detect, detecting
 from .schema import NO_TASK
 from .vision.detect import Detector
 from .vision.timed import look
 
-_VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
 _BOXED = ("robot", "classes", "fps", "jitter", "smoothing", "camera")  # not of detected boxes
 
 
@@ -78,11 +79,13 @@ def import_videos(
     folder, robot = pathlib.Path(folder), [robot] if isinstance(robot, str) else robot
     steps = _Steps(progress, 1 if out is None else 2)
     options = {"half_extent": half_extent, "outcome": outcome, "source": source}
-    if next(folder.glob("*.pkl.gz"), None):
+    given = (robot, classes, fps, jitter, smoothing, camera)
+    wrong = [name for name, value in zip(_BOXED, given, strict=True) if value]
+    if visible(folder, "*.pkl.gz"):
+        _require_recorded(folder, fps, [name for name in wrong if name != "fps"])
         found = detected.of_magical(folder, task, steps)
     elif boxes == "colour" or isinstance(boxes, Detector):
-        given = (robot, classes, fps, jitter, smoothing, camera)
-        if wrong := [name for name, value in zip(_BOXED, given, strict=True) if value]:
+        if wrong:
             raise DemoError(f"{wrong[0]} is of boxes beside the videos, not of boxes by colour.")
         detector = None if boxes == "colour" else boxes
         found = detected.of_videos(
@@ -119,6 +122,21 @@ def _require(**given: int | float | None) -> None:
             raise DemoError(f"{name} is {value}, but must be {words}.")
 
 
+def _require_recorded(folder: pathlib.Path, fps: float | None, others: Sequence[str]) -> None:
+    """Raises DemoError if options contradict MAGICAL's recordings, whose objects are found by
+    colour."""
+    if fps is not None and fps != FPS:
+        raise DemoError(
+            f"fps is {fps:g}, but the *.pkl.gz recordings in {folder} have {FPS:g} frames a "
+            "second, which is the set's rate."
+        )
+    if others:
+        raise DemoError(
+            f"{others[0]} is of boxes beside videos, but {folder} holds *.pkl.gz recordings, whose "
+            "objects are found by colour."
+        )
+
+
 class _Steps:
     """Counts steps for `progress`, of which there are `rounds` for each video."""
 
@@ -151,24 +169,3 @@ def _reader(boxes: str | Detect) -> Callable[[Film], list[Box]] | None:
     if callable(boxes) or ":" in str(boxes):
         return detecting(boxes)
     raise DemoError(f"boxes is {boxes!r}, but must be auto, colour, or a detector module:function.")
-
-
-def videos_in(folder: pathlib.Path, out: str | os.PathLike | None) -> list[pathlib.Path]:
-    """The videos of a folder, sorted by name.
-
-    Raises DemoError if there is none, if two have one name, or if the demo set would go into the
-    folder itself."""
-    paths = sorted(p for p in folder.glob("*") if p.suffix.lower() in _VIDEOS)
-    if not paths:
-        raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")
-    if out is not None and os.path.realpath(folder) == os.path.realpath(out):
-        raise DemoError(f"{folder}: this folder is read, so the demo set must go to another one.")
-    stems = [path.stem for path in paths]
-    for path in paths:
-        if any("\ud800" <= letter <= "\udfff" for letter in path.name):
-            shown = str(path).encode(errors="backslashreplace").decode()
-            raise DemoError(f"{shown}: the file's name is not text in UTF-8; rename it.")
-    for path in paths:
-        if stems.count(path.stem) > 1:
-            raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
-    return paths

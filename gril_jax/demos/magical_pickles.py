@@ -19,6 +19,8 @@ from jaxtyping import Int, UInt8
 
 from gril_jax.errors import DemoError
 
+from .folders import visible
+
 FPS = 8.0
 HALF_EXTENT = 1.02  # world units: half the width of the allocentric view
 NUM_ACTIONS = 18  # 2 grips x 3 turns x 3 drives
@@ -39,7 +41,7 @@ class MagicalDemo(NamedTuple):
 
 def list_magical(folder: str | os.PathLike) -> list[pathlib.Path]:
     """The demonstration files of a folder, by name; raises `DemoError` where there is none."""
-    paths = sorted(pathlib.Path(folder).glob("*.pkl.gz"))
+    paths = visible(pathlib.Path(folder), "*.pkl.gz")
     if not paths:
         raise DemoError(f"{folder}: the folder holds no *.pkl.gz file of MAGICAL's release.")
     return paths

@@ -40,14 +40,14 @@ def annotate(
     files, arrow = data_files(dataset), importlib.import_module("pyarrow") if parquet() else None
     known = set()
     for file in files:
-        known |= {*table_of(file, "episode_index", "timestamp")["episode_index"].to_pylist()}
+        known |= {*table_of(file, "episode_index", "frame_index")["episode_index"].to_pylist()}
     if not {title_of(number) for number in known} & {*ends}:
         raise DemoError(f"{dataset.folder}: none of its episodes is among the run's videos.")
     with writing(out):
         shutil.copytree(dataset.folder, out, copy_function=_linked)
         for file in files:
             table = table_of(file)
-            index = _indices(table, ends, len(names))
+            index = _indices(table, dataset.fps, ends, len(names))
             column = arrow.array(index, arrow.int64())
             if "subtask_index" in table.column_names:
                 table = table.drop_columns(["subtask_index"])
@@ -74,10 +74,12 @@ def _described(table: Any) -> Any:
     return table.replace_schema_metadata(known | {b"huggingface": json.dumps(about).encode()})
 
 
-def _indices(table: Any, ends: Mapping[str, Sequence[float]], count: int) -> np.ndarray:
-    """The stage of each row, from 0; `count` where the episode was not among the videos."""
+def _indices(table: Any, fps: float, ends: Mapping[str, Sequence[float]], count: int) -> np.ndarray:
+    """The stage of each row, from 0; `count` where the episode was not among the videos.
+
+    Rows are frames of the video, at a constant rate; their `timestamp` may be a robot's clock."""
     episode = np.array(table["episode_index"].to_pylist())
-    time = np.array(table["timestamp"].to_pylist(), float).reshape(-1)
+    time = np.array(table["frame_index"].to_pylist(), float).reshape(-1) / fps
     index = np.full(len(episode), count)
     for number in np.unique(episode):
         if (title := title_of(int(number))) in ends:
@@ -108,7 +110,8 @@ def _replace(table: Any, file: Path) -> None:
 
 
 def _linked(source: str, to: str) -> None:
+    """A hard link to a file, not to a link that leads to it and would lead elsewhere from here."""
     try:
-        os.link(source, to)
+        os.link(os.path.realpath(source), to)
     except OSError:
         shutil.copy2(source, to)

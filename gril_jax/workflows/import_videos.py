@@ -15,6 +15,7 @@ import numpy as np
 
 from gril_jax.config import EnvConfig
 from gril_jax.demos.demo_set import DemoSet
+from gril_jax.demos.folders import visible
 from gril_jax.demos.importing import import_videos
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.report.filmstrip import Film, contact_sheet
@@ -41,7 +42,7 @@ def main(
 
     Boxes that come with videos of a task must be of its classes; its robot is the task's.
     """
-    if task is not None and boxes != "colour" and not next(source.glob("*.pkl.gz"), None):
+    if task is not None and boxes != "colour" and not visible(source, "*.pkl.gz"):
         env = setup.make_env(EnvConfig(name=task), training=False)
         options["classes"] = env.classes
         robot = robot or vocabulary.of_task(env, task).robots

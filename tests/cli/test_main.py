@@ -1,6 +1,7 @@
 """`gril VERB`: exit codes, one sentence for each mistake, nothing heavy before the work."""
 
 import gc
+import io
 import os
 import subprocess
 import sys
@@ -229,3 +230,24 @@ def test_a_mistake_of_the_program_keeps_its_traceback(monkeypatch):
     monkeypatch.setattr(verbs, "every", lambda: [_verb(broken)])
     with pytest.raises(RuntimeError, match="a shape is wrong"):
         main.main(["train"])
+
+
+# --- letters
+
+
+@pytest.mark.parametrize(
+    ("encoding", "errors", "shown"),
+    [
+        ("ascii", "strict", b"\\u2581 K\\xfcche"),
+        ("latin-1", "strict", b"\\u2581 K\xfcche"),
+        ("ascii", "surrogateescape", b"\\u2581 K\\xfcche"),
+        ("ascii", "replace", b"? K?che"),  # as the user asked
+        ("utf-8", "strict", "\u2581 K\xfcche".encode()),
+    ],
+)
+def test_letters_that_a_stream_lacks_are_escaped(encoding, errors, shown):
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding, errors)
+    main.make_printable(stream, None, io.StringIO())
+    print("\u2581 K\xfcche", end="", file=stream, flush=True)
+    assert raw.getvalue() == shown

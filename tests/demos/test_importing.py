@@ -119,6 +119,19 @@ def test_folders_of_videos_that_do_not_fit_are_refused_by_name(tmp_path):
     assert not (tmp_path / "set").exists()
 
 
+def test_options_that_contradict_recordings_are_refused(tmp_path):
+    (tmp_path / "a.pkl.gz").write_bytes(b"")
+    with pytest.raises(DemoError, match=r"fps is 10, but the .* recordings in .* have 8 frames"):
+        import_videos(tmp_path, fps=10.0)
+    with pytest.raises(DemoError, match=r"robot is of boxes beside videos, but .* recordings"):
+        import_videos(tmp_path, robot="hand")
+
+
+def test_a_set_may_have_the_rate_that_a_camera_just_misses(tmp_path):
+    kitchen_films.write_films(tmp_path / "in", 1, fps=29.97, width=64, height=48, tempo=3.0)
+    assert import_videos(tmp_path / "in", robot=["hand"], fps=30.0).fps == 30.0
+
+
 @pytest.mark.skipif(
     not (scenes.shared_data() / "magical").is_dir(), reason="no human demonstrations here"
 )

@@ -1,6 +1,7 @@
 """LeRobot datasets: videos of a camera, boxes, and segments written back."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -136,12 +137,71 @@ def test_segments_become_subtask_annotations_of_a_copy(tmp_path):
     assert not (tmp_path / "more").exists()
 
 
+def linked(folder, to):
+    """Moves every file to a store of blobs, as the cache of Hugging Face, with a link in place."""
+    to.mkdir()
+    for number, file in enumerate([p for p in folder.rglob("*") if p.is_file()]):
+        file.rename(to / str(number))
+        file.symlink_to(os.path.relpath(to / str(number), file.parent))
+
+
+def test_a_dataset_of_links_is_imported_and_annotated(tmp_path):
+    dataset(tmp_path / "hub" / "snapshots" / "abc")
+    linked(tmp_path / "hub" / "snapshots" / "abc", tmp_path / "hub" / "blobs")
+    found = lerobot.opened(tmp_path / "hub" / "snapshots" / "abc")
+    films = lerobot.films(found, CAMERA)
+    assert [len(film.times) for film in films] == [len(told.boxes) for told in STORIES]
+    annotate(found, tmp_path / "deep" / "er" / "new", {"episode_000000": [1.0]}, ["a"])
+    copied = lerobot.films(lerobot.opened(tmp_path / "deep" / "er" / "new"), CAMERA)
+    assert [film.times for film in copied] == [film.times for film in films]
+
+
+def test_a_folder_of_videos_may_be_a_link_to_another_disk(tmp_path):
+    found = dataset(tmp_path / "data")
+    (tmp_path / "data" / "videos").rename(tmp_path / "disk")
+    (tmp_path / "data" / "videos").symlink_to(tmp_path / "disk")
+    assert len(lerobot.films(found, CAMERA)) == 2
+
+
+def test_stages_go_by_the_frame_where_the_timestamp_is_a_clock(tmp_path):
+    found = dataset(tmp_path / "data")
+    rows = [row for number, told in enumerate(STORIES) for row in frames_of(number, told)]
+    clock = [row | {"timestamp": 1.7e9 + 0.13 * n} for n, row in enumerate(rows)]
+    write(tmp_path / "data/data/chunk-000/file-000.parquet", clock)
+    annotate(found, tmp_path / "new", {"episode_000001": [1.0, 2.0]}, ["a", "b"])
+    index = lerobot.frames(lerobot.opened(tmp_path / "new"), "subtask_index")[1]
+    assert index == [0] * 11 + [1] * (len(index) - 11)
+
+
+def test_hidden_files_beside_the_data_are_passed_over(tmp_path):
+    found = dataset(tmp_path)
+    (tmp_path / "data" / "chunk-000" / "._file-000.parquet").write_bytes(b"Mac OS X")
+    assert len(lerobot.data_files(found)) == 1
+
+
+def test_rows_that_are_not_the_frames_are_refused(tmp_path):
+    """As where the camera ran at another rate than the robot."""
+    found = dataset(tmp_path)
+    rows = [
+        row for number, told in enumerate(STORIES) for row in list(frames_of(number, told))[::3]
+    ]
+    write(tmp_path / "data/chunk-000/file-000.parquet", rows)
+    films = lerobot.films(found, CAMERA)
+    with pytest.raises(
+        DemoError, match=r"episode_000000 has \d+ frames at 10 a second, but \d+ row"
+    ):
+        lerobot.boxes_in(found)(films[0])
+
+
 def test_what_is_wrong_with_a_dataset_is_a_sentence(tmp_path, monkeypatch):
     found = dataset(tmp_path)
     info = dict(found.info)
     for change, words in (
-        ({"codebase_version": "v2.1"}, "codebase_version is 'v2.1'"),
-        ({"features": {}}, "no camera 'front'; name one of none"),
+        ({"codebase_version": "v2.1"}, "codebase_version is 'v2.1'.*convert_dataset_v21_to_v30"),
+        ({"fps": 0}, "fps is 0, but must be"),
+        ({"features": {}}, "no feature is a video"),
+        ({"features": {CAMERA: []}}, "must be dict"),
+        ({"features": info["features"] | {"front": {"dtype": "image"}}}, "there are no camera"),
         ({"video_path": "../../{video_key}.mp4"}, "leads out of the dataset"),
         ({"video_path": "{secret}.mp4"}, "which is not known"),
     ):
@@ -157,6 +217,10 @@ def test_what_is_wrong_with_a_dataset_is_a_sentence(tmp_path, monkeypatch):
         (tmp_path / file / "chunk-000" / "file-000.parquet").write_bytes(b"PAR1 is not enough")
         with pytest.raises(DemoError, match=words):
             lerobot.boxes_in(found) if file == "data" else lerobot.films(found, CAMERA)
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 9\n"
+    (tmp_path / "data" / "chunk-000" / "file-000.parquet").write_text(pointer)
+    with pytest.raises(DemoError, match="a Git LFS pointer"):
+        lerobot.boxes_in(found)
     monkeypatch.setattr("importlib.import_module", _missing)
     with pytest.raises(ConfigError, match="pyarrow is not installed"):
         lerobot.episodes(found)

@@ -1,9 +1,13 @@
 """Places for a demonstration set where it would harm, and names that no file can have."""
 
+import io
 import os
+import sys
 
 import pytest
-from support.hostile import BOXES, IMPORT, SET, command, film, films, refused
+from support.hostile import BOXES, COLUMNS, IMPORT, SET, command, film, films, refused
+
+from gril_jax.cli.main import main
 
 
 def overwrites_a_letter(home):
@@ -66,6 +70,17 @@ def test_a_link_to_a_set_keeps_its_place(home, capsys):
     assert (home / "link").is_symlink()
     assert sorted(os.listdir(home)) == ["films", "letter.txt", "link", "run", "set"]
     assert sorted(os.listdir(home / "set")) == [*SET, "import.png", "import.txt"]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_that_lacks_letters_shows_escapes(home, monkeypatch, encoding):
+    film(films(home) / "a.mp4", ((48, 64),) * 5)
+    rows = "".join(f"{t},\u676f,{9 + t},9,{20 + t},20\n{t},hand,30,5,40,45\n" for t in range(5))
+    (home / "films" / "a.csv").write_text(f"{COLUMNS}\n{rows}", encoding="utf-8")
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding, "strict"))
+    assert main(["demos", "import-videos", "films", "--robot", "hand", "--out", "new"]) == 0
+    assert b"\\u676f" in raw.getvalue()
 
 
 @pytest.mark.parametrize("verb", ["eval", "report", "export", "audit", "demos import-videos"])

@@ -98,6 +98,10 @@ def broken(home):
     (home / "broken_detector.py").write_text("def f(:\n")
 
 
+def stopping(home):
+    (home / "stopping_detector.py").write_text("import sys\ndef f(frames): sys.exit(0)\n")
+
+
 AUTO = ("--boxes", "auto")
 KINDS = {
     "no boxes": (gone, AUTO, "a.mp4: no boxes are beside the video"),
@@ -130,6 +134,9 @@ KINDS = {
     "jitter that is no number": (None, (*AUTO, "--jitter", "nan"), "--jitter is nan, but must be"),
     "endless width": (None, (*AUTO, "--half-extent", "inf"), "--half-extent is inf, but must be"),
     "a frame rate without end": (None, (*AUTO, "--fps", "1e9"), "--fps is 1000000000.0, but must"),
+    "more frames than the video has": (
+        None, (*AUTO, "--fps", "30"), "a.mp4: fps is 30, but the video has 8 frames a second, and a"
+    ),
     "no names": (named(""), AUTO, "a.txt, line 1: class 1 is not among the 0 names of names.txt"),
     "names that are too few": (named("cup\n"), AUTO, "a.txt, line 2: class 2 is not among the 1"),
     "a name twice": (
@@ -152,6 +159,9 @@ KINDS = {
     "colours of no width": (None, ("--boxes", "colour"), "needs --half-extent where --boxes is"),
     "a detector without a function": (None, ("--boxes", "numpy"), "but must be auto, colour"),
     "a detector that is missing": (None, ("--boxes", "nowhere:f"), "cannot be imported"),
+    "a detector that ends the program": (
+        stopping, ("--boxes", "stopping_detector:f"), "frames 0 to 4 (it called sys.exit(0), in "
+    ),
     "a detector that fails": (None, ("--boxes", "math:sqrt"), "failed on a.mp4, frames 0 to 4"),
     "a detector of another length": (None, ("--boxes", "builtins:repr"), "gave boxes of"),
     "boxes of a file": (None, ("--boxes", "t.json"), "boxes is 't.json', but must be auto"),

@@ -6,17 +6,19 @@
 Boxes are those of a feature of shape (N, 4) whose name ends in "boxes" and whose `names` are N
 classes: x_min, y_min, x_max, y_max in pixels, NaN where an object is not seen. Else they are files
 `boxes/episode_000000.*` in the dataset, in any format of boxes beside videos. Parquet is read
-by pyarrow, an optional extra. Paths of a dataset stay within its folder.
+by pyarrow, an optional extra. Paths that a dataset names stay within its folder; links in it are
+the user's own, as in the cache of Hugging Face, and may lead anywhere.
 """
 
 import importlib
 import re
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from gril_jax.demos.folders import visible
 from gril_jax.demos.formats import file_of, reader
 from gril_jax.demos.formats.record import Box, Film, box, checked, field, load
 from gril_jax.demos.vision.timed import look, part
@@ -25,6 +27,8 @@ from gril_jax.errors import ConfigError, DemoError
 _VERSION = "v3.0"
 _WHERE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 _BOXES = "boxes"  # how a feature's name ends, and the folder of files
+_SLACK = 0.01  # share of an episode's rows by which its video may be longer or shorter
+_POINTER = b"version https://git-lfs.github.com/"
 
 
 class Dataset(NamedTuple):
@@ -38,6 +42,11 @@ class Dataset(NamedTuple):
         """The file that says it."""
         return str(self.folder / "meta" / "info.json")
 
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return float(self.info["fps"])
+
 
 def is_dataset(folder: Path) -> bool:
     """True for the folder of a LeRobot dataset."""
@@ -50,15 +59,20 @@ def opened(folder: Path) -> Dataset:
     where = str(folder / "meta" / "info.json")
     version = field(info, "codebase_version", str, where)
     if version != _VERSION:
-        raise DemoError(f"{where}: codebase_version is {version!r:.20}, but must be {_VERSION}.")
-    field(info, "fps", int | float, where)
-    field(info, "features", dict, where)
+        raise DemoError(
+            f"{where}: codebase_version is {version!r:.20}, but must be {_VERSION}; lerobot's own "
+            "convert_dataset_v21_to_v30 converts a dataset of v2.1."
+        )
+    if not 0.1 <= (fps := field(info, "fps", int | float, where)) <= 1000:
+        raise DemoError(f"{where}: fps is {fps}, but must be from 0.1 to 1000.")
+    for name, about in field(info, "features", dict, where).items():
+        field({name: about}, name, dict, f"{where}, features")
     return Dataset(folder, info)
 
 
 def episodes(dataset: Dataset) -> list[dict[str, Any]]:
     """A row an episode, in order."""
-    files = sorted((dataset.folder / "meta" / "episodes").glob("chunk-*/file-*.parquet"))
+    files = visible(dataset.folder / "meta" / "episodes", "chunk-*/file-*.parquet")
     rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
     if not rows:
         raise DemoError(f"{dataset.folder / 'meta'}: the dataset has no episodes.")
@@ -71,10 +85,16 @@ def camera_of(dataset: Dataset, camera: str | None) -> str:
     known = [name for name, about in features if about.get("dtype") == "video"]
     if camera is None and len(known) == 1:
         return known[0]
+    if not known:
+        raise DemoError(
+            f"{dataset.where}: no feature is a video (dtype video), but a camera's pictures must "
+            "be; record or convert the dataset with videos."
+        )
     if camera not in known:
         asked = "several cameras" if camera is None else f"no camera {camera!r}"
-        listed = ", ".join(known) or "none"
-        raise DemoError(f"{dataset.where}: there are {asked}; name one of {listed} with --camera.")
+        raise DemoError(
+            f"{dataset.where}: there are {asked}; name one of {', '.join(known)} with --camera."
+        )
     return camera
 
 
@@ -113,10 +133,10 @@ def _film_file(dataset: Dataset, values: Mapping[str, Any]) -> Path:
             raise DemoError(f"{dataset.where}: {name} has {match[0]!r:.60}, which is not known.")
         return str(values[key]) if digits is None else f"{int(values[key]):0{int(digits)}d}"
 
-    path = dataset.folder / re.sub(r"\{(\w+)(?::0?(\d)d)?\}", filled, template)
-    if not path.resolve().is_relative_to(dataset.folder.resolve()):
-        raise DemoError(f"{dataset.where}: {name} leads out of the dataset, to {path}.")
-    return path
+    named = PurePosixPath(re.sub(r"\{(\w+)(?::0?(\d)d)?\}", filled, template))
+    if named.is_absolute() or ".." in named.parts:  # of names alone: a link is the user's own
+        raise DemoError(f"{dataset.where}: {name} leads out of the dataset, to {named}.")
+    return dataset.folder / named
 
 
 def boxes_in(dataset: Dataset):
@@ -138,7 +158,23 @@ def boxes_in(dataset: Dataset):
             "class names."
         )
     rows = frames(dataset, named[0])
-    return lambda film: _of_feature(film, rows.get(int(film.name[-6:]), []), classes, named[0])
+
+    def inside(film: Film) -> list[Box]:
+        own = rows.get(int(film.name.rsplit("_", 1)[1]), [])
+        _require_as_many(dataset, film, len(own))
+        return _of_feature(film, own, classes, named[0])
+
+    return inside
+
+
+def _require_as_many(dataset: Dataset, film: Film, rows: int) -> None:
+    """Raises DemoError if an episode's rows cannot be its frames, one a row."""
+    count = len(film.times)
+    if abs(rows - count) > max(1, _SLACK * count):
+        raise DemoError(
+            f"{film.path}: {film.name} has {count} frames at {film.fps:.3g} a second, but "
+            f"{rows} rows of data at {dataset.fps:g}; there must be a row for each frame."
+        )
 
 
 def frames(dataset: Dataset, column: str) -> dict[int, list[Any]]:
@@ -153,7 +189,7 @@ def frames(dataset: Dataset, column: str) -> dict[int, list[Any]]:
 
 def data_files(dataset: Dataset) -> list[Path]:
     """The parquet files of the data."""
-    return sorted((dataset.folder / "data").glob("chunk-*/*.parquet"))
+    return visible(dataset.folder / "data", "chunk-*/*.parquet")
 
 
 def _of_feature(film: Film, rows: list[Any], classes: list[str], name: str) -> list[Box]:
@@ -175,10 +211,23 @@ def table_of(file: Path, *columns: str) -> Any:
     try:
         table = parquet().read_table(file)
     except (OSError, ValueError) as error:
+        if _is_pointer(file):
+            raise DemoError(
+                f"{file}: not the data but a Git LFS pointer to them; `git lfs pull` fetches them."
+            ) from None
         raise DemoError(f"{file}: not a parquet file ({str(error).splitlines()[0]}).") from None
     if lacks := [name for name in columns if name not in table.column_names]:
         raise DemoError(f"{file}: the column {lacks[0]!r} is missing.")
     return table
+
+
+def _is_pointer(file: Path) -> bool:
+    """True for the text that Git LFS has in place of a large file."""
+    try:
+        with open(file, "rb") as stream:
+            return stream.read(len(_POINTER)) == _POINTER
+    except OSError:
+        return False
 
 
 def parquet() -> Any:

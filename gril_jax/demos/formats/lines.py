@@ -7,6 +7,7 @@ import csv
 import re
 from pathlib import Path
 
+from gril_jax.demos.folders import visible
 from gril_jax.errors import DemoError
 
 from .record import Box, Film, box, checked, class_name, number, read_text, whole
@@ -135,7 +136,7 @@ def read_yolo(path: Path, film: Film) -> list[Box]:
     """
     folder = path / "labels" if (path / "labels").is_dir() else path
     files = {}
-    for file in sorted(folder.glob("*.txt")):
+    for file in visible(folder, "*.txt"):
         if file.name in FILES:
             continue
         ending = re.search(r"(\d+)$", file.stem)

@@ -29,6 +29,7 @@ class Film(NamedTuple):
     height: int
     begin: float | None = None  # seconds into the file, if it is a part of one
     title: str | None = None  # the name, if it is not that of the file
+    note: str | None = None  # a sentence on its time stamps, if they had to be repaired
 
     @property
     def name(self) -> str:

@@ -16,7 +16,8 @@ from jaxtyping import Float, Int, UInt8
 from gril_jax.demos.formats.record import Film
 from gril_jax.errors import DemoError
 
-from .video import opened
+from .opening import frames_in, opened, shown, size_shown
+from .stamps import frame_times
 
 _WIDEST = 640  # pixels of a kept picture: boxes are not read from it
 _LONGEST = 3600.0  # seconds
@@ -26,31 +27,18 @@ _NEAR = 1e-3  # seconds, to which time stamps are told apart
 def look(path: str | os.PathLike) -> Film:
     """A video's times and size, without reading its pictures; errors are those of `read_video`."""
     path = pathlib.Path(path)
-    with opened(path) as container:
-        stream = container.streams.video[0]
-        first = next(container.decode(stream), None)
+    with opened(path) as (container, stream):
+        first = next(frames_in(container, stream), None)
         if first is None:
             raise DemoError(f"{path}: the video holds no frames.")
-        width, height = first.width, first.height
-        if round(first.rotation / 90) % 2:
-            width, height = height, width
-        rate = float(stream.average_rate or 0)
-    with opened(path) as container:
-        stream = container.streams.video[0]
-        packets = [p for p in container.demux(stream) if p.size and not p.is_discard]
-        stamps = [p.pts for p in packets]
-        base = float(stream.time_base or 0)
-    if None in stamps or len({*stamps}) < len(stamps):  # no time stamps: the header's rate
-        if not rate:
-            raise DemoError(f"{path}: the video states neither frame rate nor time stamps.")
-        times = np.arange(len(stamps)) / rate
-    else:
-        times = np.sort(np.array(stamps, float)) * base
+        width, height = size_shown(path, first)
+    found, note = frame_times(path, first.pts)
+    times = np.array(found)
     if len(times) < 2:
         raise DemoError(f"{path}: holds {len(times)} frame, but a demonstration needs at least 2.")
     if times[-1] - times[0] > _LONGEST:
         raise DemoError(f"{path}: lasts {times[-1] - times[0]:.0f} s, but an hour is the most.")
-    return Film(path, (times - times[0]).tolist(), width, height)
+    return Film(path, (times - times[0]).tolist(), width, height, note=note)
 
 
 def part(film: Film, begin: float, end: float, title: str) -> Film:
@@ -106,17 +94,17 @@ def frames_of(
         width = min(film.width, widest) // 2 * 2
         size = width, max(2, round(film.height * width / film.width / 2) * 2)
     nothing, count = np.zeros((1, 1, 3), np.uint8), 0
-    with opened(film.path) as container:
-        stream = container.streams.video[0]
+    with opened(film.path) as (container, stream):
         stream.thread_type = "AUTO"
         if film.begin is not None:  # to the key frame before it
             container.seek(int(film.begin / stream.time_base), stream=stream)
-        for frame in container.decode(stream):
+        for frame in frames_in(container, stream):
             if film.begin is not None and (frame.time or 0.0) < film.begin - _NEAR:
                 continue
             if count == len(film.times) and film.begin is not None:
                 break
-            yield nothing if only is not None and count not in only else _shown(film, frame, size)
+            _require_size(film, frame, count)
+            yield nothing if only is not None and count not in only else _sized(film, frame, size)
             count += 1
     if count != len(film.times):
         raise DemoError(
@@ -125,13 +113,19 @@ def frames_of(
         )
 
 
-def _shown(
+def _require_size(film: Film, frame: av.VideoFrame, number: int) -> None:
+    width, height = size_shown(film.path, frame)
+    if (width, height) != (film.width, film.height):
+        raise DemoError(
+            f"{film.path}: the frame size changes within the video: frame {number} is {width} x "
+            f"{height} pixels, but the first is {film.width} x {film.height}; write it in one size."
+        )
+
+
+def _sized(
     film: Film, frame: av.VideoFrame, size: tuple[int, int] | None
 ) -> UInt8[np.ndarray, "H W 3"]:
-    turned = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
-    picture = np.ascontiguousarray(turned)
-    if picture.shape[:2] != (film.height, film.width):
-        raise DemoError(f"{film.path}: the frame size changes within the video.")
+    picture = shown(film.path, frame)
     if size is None or picture.shape[1::-1] == size:
         return picture
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

@@ -4,12 +4,11 @@ A frame is (H, W, 3) RGB, 8 bits a channel. Files are written as yuv420p, which 
 plays, at a quality where the codec moves a block's edge by a fraction of a pixel.
 """
 
-import contextlib
 import errno
 import itertools
 import os
 import pathlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from fractions import Fraction
 
 import av
@@ -18,8 +17,9 @@ from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
 
-# What plays other files or addresses, such as a playlist, is no video here.
-_READ = {"format_whitelist": "mov,mp4,matroska,webm,avi,gif,mpegts,mpeg,ogg,flv,asf,h264,hevc,wav"}
+from .opening import frames_in, opened, shown
+from .stamps import frame_times
+
 _OPTIONS = {
     "crf": "12",  # constant quality: 0 is lossless, 23 is what videos use
     "x264-params": "mbtree=0",  # with it, equal small frames now and then give other bytes
@@ -90,24 +90,23 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
 
     A DemoError says if the file is missing, empty, damaged, cut short, no video, or too large for
     the memory."""
-    path = pathlib.Path(path)
-    with opened(path) as container:
-        stream = container.streams.video[0]
+    path, frames, first = pathlib.Path(path), [], None
+    with opened(path) as (container, stream):
         stream.thread_type = "AUTO"
-        frames = []
-        for frame in container.decode(stream):
+        for frame in frames_in(container, stream):
             if 2 * (len(frames) + 1) * frame.width * frame.height * 3 > _memory():  # stacked below
                 raise DemoError(
                     f"{path}: its frames need more than half of this machine's memory; "
                     "make the video smaller or shorter."
                 )
-            # A telephone that is held upright notes only that its picture is to be turned.
-            turned = np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
-            frames.append(turned)
-        promised = stream.frames
+            first = frame.pts if not frames else first
+            frames.append(shown(path, frame))
+        promised = stream.frames or len(frames)
     if not frames:
         raise DemoError(f"{path}: the video holds no frames.")
-    if promised and len(frames) < promised:
+    if len(frames) != promised:  # of all that are in the file, of which some may never be shown
+        promised = len(frame_times(path, first).seconds)
+    if len(frames) < promised:
         raise DemoError(
             f"{path}: only {len(frames)} of {promised} frames could be read; "
             "the file is cut short or damaged."
@@ -119,8 +118,8 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
 
 def read_fps(path: str | os.PathLike) -> float:
     """Frames per second of a video file, from its header; errors are those of `read_video`."""
-    with opened(pathlib.Path(path)) as container:
-        rate = container.streams.video[0].average_rate
+    with opened(pathlib.Path(path)) as (_, stream):
+        rate = stream.average_rate
     if not rate:
         raise DemoError(f"{path}: the video states no frame rate.")
     return float(rate)
@@ -129,22 +128,3 @@ def read_fps(path: str | os.PathLike) -> float:
 def _memory() -> int:
     """Bytes of memory that the machine has."""
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-@contextlib.contextmanager
-def opened(path: pathlib.Path) -> Iterator[av.container.InputContainer]:
-    if not path.is_file():
-        raise DemoError(f"{path}: there is no such video file.")
-    if path.stat().st_size == 0:
-        raise DemoError(f"{path}: the video file is empty (0 bytes).")
-    try:
-        # A stream, not a name: FFmpeg takes some names for addresses.
-        with open(path, "rb") as file, av.open(file, options=_READ) as container:
-            if not container.streams.video:
-                raise DemoError(f"{path}: the file holds no video stream.")
-            yield container
-    except (av.FFmpegError, OSError) as error:
-        reason = error.strerror or type(error).__name__
-        raise DemoError(
-            f"{path}: not a whole video file that FFmpeg can decode ({reason})."
-        ) from error

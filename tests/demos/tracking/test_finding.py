@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.hostile import turned
 
-from gril_jax.demos.detected import detecting
+from gril_jax.demos.own_detector import detecting
 from gril_jax.demos.vision.timed import frames_of, look, nearest, part, pictures, steps
 from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import DemoError
