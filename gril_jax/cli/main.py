@@ -12,7 +12,6 @@ import sys
 import textwrap
 from collections.abc import Sequence
 from importlib import metadata
-from typing import TextIO
 
 from gril_jax.config.command_line import nearest
 from gril_jax.errors import ConfigError, GrilError
@@ -74,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
 
 
-def make_printable(*streams: TextIO | None) -> None:
+def make_printable(*streams: object) -> None:
     """Lets streams write an escape for a letter that they lack, as a pipe in ASCII lacks most.
 
     All that is said goes through them: sentences, progress, help and reports."""

@@ -40,7 +40,8 @@ def remuxed(path, source, change):
         to = out.add_stream_from_template(stream)
         to.time_base = MILLI
         known = [
-            (round(p.pts * stream.time_base * 1000), round(p.dts * stream.time_base * 1000),
+            (round(p.pts * stream.time_base * 1000),
+             round((p.dts if p.dts is not None else p.pts) * stream.time_base * 1000),
              p.is_keyframe, bytes(p))
             for p in given.demux(stream) if p.size
         ]  # fmt: skip
@@ -54,7 +55,7 @@ def remuxed(path, source, change):
 
 def cut_at_open_group(path, codec="libx265"):
     """A video that was cut without encoding at a picture which later ones are shown before."""
-    keys = "keyint=10:min-keyint=10:scenecut=0:bframes=2:b-adapt=0"
+    keys = "keyint=12:min-keyint=12:scenecut=0:bframes=2:b-adapt=0"
     options = {"x265-params": f"{keys}:open-gop=1:log-level=none"}
     if codec == "libx264":
         options = {"x264-params": f"{keys}:open-gop=1"}
@@ -63,9 +64,11 @@ def cut_at_open_group(path, codec="libx265"):
     def later(known):
         second = [at for at, one in enumerate(known) if one[2]][1]
         rest = known[second:]
-        begin = min(pts for pts, *_ in rest)
-        first = rest[0][1]
-        return [(pts - begin, dts - first - 1000, key, data) for pts, dts, key, data in rest]
+        shown = sorted(pts for pts, *_ in rest)
+        return [
+            (pts - shown[0], dts - shown[0] - 300, *one)
+            for dts, (pts, _, *one) in zip(shown, rest, strict=True)
+        ]
 
     remuxed(path, whole, later)
     whole.unlink()

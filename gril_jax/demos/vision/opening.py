@@ -68,8 +68,7 @@ def _stream(path: pathlib.Path, container: av.container.InputContainer) -> av.Vi
         raise DemoError(f"{path}: the file holds no video stream.")
     if streams[0].codec_context is None:
         raise DemoError(
-            f"{path}: FFmpeg has no decoder for this video ({streams[0].codec_tag!r}); convert it "
-            "to H.264."
+            f"{path}: FFmpeg has no decoder for the codec of this video; convert it to H.264."
         )
     return streams[0]
 
@@ -125,6 +124,6 @@ def _turn(path: pathlib.Path, frame: av.VideoFrame) -> tuple[int, int, int]:
     if straight[1] * _OBLIQUE <= crossed[0]:
         return 1, int(c < 0), int(b < 0)
     raise DemoError(
-        f"{path}: is to be shown turned by {frame.rotation} degrees, but must be upright or turned "
-        "by a quarter; write it upright."
+        f"{path}: is to be shown aslant, turned by {frame.rotation} degrees, but must be upright "
+        "or turned by a quarter; write it upright."
     )

@@ -50,8 +50,10 @@ def frame_times(path: pathlib.Path, first: int | None) -> Times:
             if one.size and not one.is_discard and not _never_shown(stream, one)
         ]
         base, rate = stream.time_base, float(stream.average_rate or stream.guessed_rate or 0)
-    stamps, lost = [one.pts for one in packets], 0
-    if not _in_order(packets, first):
+    lost = 0
+    if _in_order(packets, first):
+        stamps = sorted(one.pts for one in packets)
+    else:
         with opened(path) as (container, stream):
             stream.thread_type = "AUTO"
             stamps = [frame.pts for frame in frames_in(container, stream)]
@@ -137,15 +139,11 @@ def _in_order(packets: Sequence[Packet], first: int | None) -> bool:
     )
 
 
-def _lost(path: pathlib.Path, packets: Sequence[Packet], stamps: Sequence[int | None]) -> int:
+def _lost(path: pathlib.Path, packets: list[Packet], stamps: Sequence[int | None]) -> int:
     """The packets that gave no frame, which must lie before the first whole picture."""
     lost = len(packets) - len(stamps)
     begin = next((at for at, one in enumerate(packets) if one.key), 0)
-    key = packets[begin].pts if packets else None
-    early = [
-        one for at, one in enumerate(packets)
-        if at < begin or (None not in (one.pts, key) and one.pts < key)
-    ]  # fmt: skip
+    early = packets[:begin] + packets[begin + 1 : _trailing(packets, begin)]
     missing = {one.pts for one in packets} - {*stamps}
     known = None not in [one.pts for one in packets] and None not in stamps
     if lost > len(early) or (known and not missing <= {one.pts for one in early}):
@@ -154,6 +152,17 @@ def _lost(path: pathlib.Path, packets: Sequence[Packet], stamps: Sequence[int | 
             "or damaged."
         )
     return max(lost, 0)
+
+
+def _trailing(packets: Sequence[Packet], key: int) -> int:
+    """The place of the first packet after a key frame that is shown later than it.
+
+    Those between are shown before the key frame, and may be made from what was before it."""
+    shown = packets[key].pts if packets else None
+    for at in range(key + 1, len(packets)):
+        if shown is not None and packets[at].pts is not None and packets[at].pts > shown:
+            return at
+    return key + 1
 
 
 def _never_shown(stream: av.VideoStream, packet: av.Packet) -> bool:

@@ -50,7 +50,9 @@ def test_pictures_are_turned_and_mirrored_as_the_file_says(tmp_path, degrees, mi
 def test_a_picture_to_be_turned_by_less_than_a_quarter_is_refused(tmp_path):
     turn = lambda stream: stream.set_display_rotation(30)  # noqa: E731
     path = encoded(tmp_path / "a.mp4", frames=3, prepare=turn)
-    with pytest.raises(DemoError, match=r"a\.mp4: is to be shown turned by 30 degrees, but must"):
+    with pytest.raises(
+        DemoError, match=r"a\.mp4: is to be shown aslant, turned by (29|30) degrees, but must"
+    ):
         look(path)
 
 
@@ -75,7 +77,7 @@ def test_a_cover_is_no_video(tmp_path):
 def test_a_codec_without_a_decoder_is_a_sentence(tmp_path):
     path = encoded(tmp_path / "a.avi", "mpeg4", 3)
     path.write_bytes(path.read_bytes().replace(b"FMP4", b"ZZZZ"))
-    with pytest.raises(DemoError, match=r"a\.avi: FFmpeg has no decoder for this video \('ZZZZ'\)"):
+    with pytest.raises(DemoError, match=r"a\.avi: FFmpeg has no decoder for the codec"):
         look(path)
 
 

@@ -1,10 +1,12 @@
 """Time stamps: in order, a few wrong, or useless; and frames that a file has but nobody sees."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.odd_videos import cut_at_open_group, encoded, remuxed
 
-from gril_jax.demos.vision.stamps import in_order
+from gril_jax.demos.vision.stamps import Packet, _lost, in_order
 from gril_jax.demos.vision.timed import frames_of, look
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
@@ -68,8 +70,17 @@ def test_pictures_before_the_first_whole_one_are_passed_over(tmp_path, codec):
     film = look(path)
     seen = shades(film)
     assert seen == [*range(seen[0], 30)]
-    assert len(film.times) == len(seen) == len(read_video(path)) == 20
+    assert len(film.times) == len(seen) == len(read_video(path)) == 18
     assert film.note.startswith("2 pictures before its first whole one cannot be decoded")
+
+
+def test_leading_pictures_may_have_no_stamp():
+    """As Matroska leaves those that would be before 0; others must not be lost."""
+    stamps = [0, None, None, 133, 67, 33, 100]
+    packets = [Packet(stamp, None, not at) for at, stamp in enumerate(stamps)]
+    assert _lost(Path("a.mkv"), packets, [0, 33, 67, 100, 133]) == 2
+    with pytest.raises(DemoError, match=r"a\.mkv: 4 of 7 frames could be read; the file is cut"):
+        _lost(Path("a.mkv"), packets, [0, 33, 67, 100])
 
 
 def test_damage_later_than_the_beginning_is_an_error(tmp_path):
