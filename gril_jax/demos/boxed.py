@@ -22,11 +22,10 @@ from .formats.record import Box, Film
 from .import_notes import Found
 from .tracking.identities import in_order, linked, objects_at_once
 from .tracking.mending import Mended, mended
-from .vision.timed import pictures, steps
+from .vision.timed import pictures, rate_of, required_rate, steps
 
 WIDTHS, _HALF = "widths of the picture", 0.5
 _FASTEST = 10.0  # frames a second: a hand's work needs no more
-_FASTER = 1.01  # times its rate that a video of 29.97 frames a second may be asked for
 _RESTING = 0.02  # half extents: what is nearer to its last place has arrived
 _DEVIATIONS = 3.0  # of the jitter, which the same takes of boxes that jitter
 _MEDIAN = 3  # frames of the median over positions that jitter calls for
@@ -122,29 +121,17 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
             )
     most = [objects_at_once(each) for each in boxes]
     counts = {name: max(each.get(name, 0) for each in most) for name in names}
-    rate = min(*(film.fps for film in films), _FASTEST) if fps is None else fps
+    rate = rate_of(films, _FASTEST) if fps is None else required_rate(films, fps)
     nodes = tuple(
         name if number == 1 or classes is not None else f"{name} {k + 1}"
         for name, number in counts.items()
         for k in range(number)
     )
-    _require_rate(films, fps)
     words = tuple(nodes if classes is None else classes)
     if len({*words}) < len(words):
         twice = next(word for word in words if words.count(word) > 1)
         raise DemoError(f"{folder}: {twice!r} is a class, and also one of several of a class.")
     return _Plan(films, [*boxes], [*outside], words, counts, nodes, round(rate, 6))
-
-
-def _require_rate(films: Sequence[Film], fps: float | None) -> None:
-    """Raises DemoError for more frames a second than the slowest video has: what is between its
-    frames nobody saw."""
-    slowest = min(films, key=lambda film: film.fps)
-    if fps is not None and fps > slowest.fps * _FASTER:
-        raise DemoError(
-            f"{slowest.path}: fps is {fps:g}, but the video has {slowest.fps:.4g} frames a second, "
-            "and a set can have no more than its slowest video."
-        )
 
 
 def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:

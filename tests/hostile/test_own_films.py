@@ -163,7 +163,9 @@ KINDS = {
         stopping, ("--boxes", "stopping_detector:f"), "frames 0 to 4 (it called sys.exit(0), in "
     ),
     "a detector that fails": (None, ("--boxes", "math:sqrt"), "failed on a.mp4, frames 0 to 4"),
-    "a detector of another length": (None, ("--boxes", "builtins:repr"), "for frames 0 to 4 of a.mp4; it must"),
+    "a detector of another kind": (
+        None, ("--boxes", "builtins:repr"), "for frames 0 to 4 of a.mp4; it must give a list"
+    ),
     "boxes of a file": (None, ("--boxes", "t.json"), "boxes is 't.json', but must be auto"),
 }  # fmt: skip
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from gril_jax.demos.folders import visible
 from gril_jax.demos.formats import file_of, reader
-from gril_jax.demos.formats.record import Box, Film, box, checked, field, load
+from gril_jax.demos.formats.record import Box, Film, box, checked, field, load, read_text
 from gril_jax.demos.vision.timed import look, part
 from gril_jax.errors import ConfigError, DemoError
 
@@ -55,8 +55,13 @@ def is_dataset(folder: Path) -> bool:
 
 def opened(folder: Path) -> Dataset:
     """A dataset; a DemoError if it is of a version that is not known."""
-    info = load(folder / "meta" / "info.json")
     where = str(folder / "meta" / "info.json")
+    if read_text(folder / "meta" / "info.json").startswith("../"):
+        raise DemoError(
+            f"{where}: not JSON but the text of a link; copy the dataset with the files that its "
+            "links lead to."
+        )
+    info = load(folder / "meta" / "info.json")
     version = field(info, "codebase_version", str, where)
     if version != _VERSION:
         raise DemoError(

@@ -30,6 +30,7 @@ class Film(NamedTuple):
     begin: float | None = None  # seconds into the file, if it is a part of one
     title: str | None = None  # the name, if it is not that of the file
     note: str | None = None  # a sentence on its time stamps, if they had to be repaired
+    first: float = 0.0  # seconds into the file at which its first frame is shown
 
     @property
     def name(self) -> str:

@@ -20,6 +20,7 @@ from .wholeness import require_whole
 _READ = {"format_whitelist": "mov,mp4,matroska,webm,avi,gif,mpegts,mpeg,ogg,flv,asf,h264,hevc,wav"}
 _STILL = Disposition.attached_pic | Disposition.timed_thumbnails  # a cover, as music players show
 _POINTER = b"version https://git-lfs.github.com/"
+_HEAD = 256  # bytes
 _OBLIQUE = 20  # times that the one pair of a turn's numbers must be larger than the other
 # By degrees, counter-clockwise: rows and columns exchanged, left and right, top and bottom.
 _TURNS = {0: (0, 0, 0), 90: (1, 0, 1), 180: (0, 1, 1), -180: (0, 1, 1), -90: (1, 1, 0)}
@@ -37,7 +38,7 @@ def opened(path: pathlib.Path) -> Iterator[Opened]:
     try:
         # A stream, not a name: FFmpeg takes some names for addresses.
         with open(path, "rb") as file:
-            _require_here(path, file.read(len(_POINTER)))
+            _require_here(path, file.read(_HEAD))
             file.seek(0)
             require_whole(path, file)
             file.seek(0)
@@ -55,15 +56,19 @@ def opened(path: pathlib.Path) -> Iterator[Opened]:
 def _require_here(path: pathlib.Path, head: bytes) -> None:
     if not head:
         raise DemoError(f"{path}: the video file is empty (0 bytes).")
-    if head == _POINTER:
+    if head.startswith(_POINTER):
         raise DemoError(
             f"{path}: not the video but a Git LFS pointer to it; `git lfs pull` fetches the video."
+        )
+    if head.startswith(b"../"):
+        raise DemoError(
+            f"{path}: not the video but the text of a link to it, {head.decode(errors='replace')}; "
+            "copy the folder with the files that its links lead to."
         )
 
 
 def _stream(path: pathlib.Path, container: av.container.InputContainer) -> av.VideoStream:
-    """The first stream of moving pictures, not a cover."""
-    streams = [one for one in container.streams.video if not one.disposition & _STILL]
+    streams = moving(container)
     if not streams:
         raise DemoError(f"{path}: the file holds no video stream.")
     if streams[0].codec_context is None:
@@ -71,6 +76,11 @@ def _stream(path: pathlib.Path, container: av.container.InputContainer) -> av.Vi
             f"{path}: FFmpeg has no decoder for the codec of this video; convert it to H.264."
         )
     return streams[0]
+
+
+def moving(container: av.container.InputContainer) -> list[av.VideoStream]:
+    """The streams of moving pictures, of which the first counts; covers are none."""
+    return [one for one in container.streams.video if not one.disposition & _STILL]
 
 
 def frames_in(container: av.container.InputContainer, stream: av.VideoStream) -> Iterator:

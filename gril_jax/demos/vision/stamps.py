@@ -18,7 +18,7 @@ import numpy as np
 
 from gril_jax.errors import DemoError
 
-from .opening import frames_in, opened
+from .opening import frames_in, moving, opened
 
 _GOOD = 0.9  # share of the stamps that must be right if the others are to be put between them
 _RATES = (0.1, 1000.0)  # frames a second that a header may say
@@ -49,6 +49,7 @@ def frame_times(path: pathlib.Path, first: int | None) -> Times:
             for one in container.demux(stream)
             if one.size and not one.is_discard and not _never_shown(stream, one)
         ]
+        several = len(moving(container))
         base, rate = stream.time_base, float(stream.average_rate or stream.guessed_rate or 0)
     lost = 0
     if _in_order(packets, first):
@@ -59,10 +60,14 @@ def frame_times(path: pathlib.Path, first: int | None) -> Times:
             stamps = [frame.pts for frame in frames_in(container, stream)]
         lost = _lost(path, packets, stamps)
     whole, bad = in_order(stamps)
-    said = [
-        f"{lost} pictures before its first whole one cannot be decoded and are passed over, as "
-        "players do, so boxes count from the first that is shown"
-    ] if lost else []  # fmt: skip
+    said = []
+    if several > 1:
+        said.append(f"the file holds {several} videos, of which the first counts")
+    if lost:
+        said.append(
+            f"{lost} pictures before its first whole one cannot be decoded and are passed over, as "
+            "players do, so boxes count from the first that is shown"
+        )
     if whole is not None:
         if bad:
             said.append(

@@ -21,6 +21,7 @@ from .stamps import frame_times
 
 _WIDEST = 640  # pixels of a kept picture: boxes are not read from it
 _LONGEST = 3600.0  # seconds
+_FASTER = 1.01  # times its rate that a video of 29.97 frames a second may be asked for
 _NEAR = 1e-3  # seconds, to which time stamps are told apart
 
 
@@ -38,7 +39,8 @@ def look(path: str | os.PathLike) -> Film:
         raise DemoError(f"{path}: holds {len(times)} frame, but a demonstration needs at least 2.")
     if times[-1] - times[0] > _LONGEST:
         raise DemoError(f"{path}: lasts {times[-1] - times[0]:.0f} s, but an hour is the most.")
-    return Film(path, (times - times[0]).tolist(), width, height, note=note)
+    first_s = float(times[0])
+    return Film(path, (times - first_s).tolist(), width, height, note=note, first=first_s)
 
 
 def part(film: Film, begin: float, end: float, title: str) -> Film:
@@ -48,6 +50,24 @@ def part(film: Film, begin: float, end: float, title: str) -> Film:
     if len(times) < 2:
         raise DemoError(f"{film.path}: {title} has {len(times)} frames, but 2 are the least.")
     return film._replace(times=[t - times[0] for t in times], begin=times[0], title=title)
+
+
+def rate_of(films: Sequence[Film], most: float) -> float:
+    """Frames a second of the slowest video, but no more than `most`."""
+    return min(*(film.fps for film in films), most)
+
+
+def required_rate(films: Sequence[Film], fps: float) -> float:
+    """The frames a second that are asked for.
+
+    Raises DemoError for more than the slowest video has: what is between its frames nobody saw."""
+    slowest = min(films, key=lambda film: film.fps)
+    if fps > slowest.fps * _FASTER:
+        raise DemoError(
+            f"{slowest.path}: fps is {fps:g}, but the video has {slowest.fps:.4g} frames a second, "
+            "and a set can have no more than its slowest video."
+        )
+    return fps
 
 
 def steps(times: Sequence[float], fps: float) -> Float[np.ndarray, "K"]:
@@ -94,14 +114,15 @@ def frames_of(
         width = min(film.width, widest) // 2 * 2
         size = width, max(2, round(film.height * width / film.width / 2) * 2)
     nothing, count = np.zeros((1, 1, 3), np.uint8), 0
+    begin = None if film.begin is None else film.begin + film.first
     with opened(film.path) as (container, stream):
         stream.thread_type = "AUTO"
-        if film.begin is not None:  # to the key frame before it
-            container.seek(int(film.begin / stream.time_base), stream=stream)
+        if begin is not None:  # to the key frame before it
+            container.seek(int(begin / stream.time_base), stream=stream)
         for frame in frames_in(container, stream):
-            if film.begin is not None and (frame.time or 0.0) < film.begin - _NEAR:
+            if begin is not None and (frame.time or 0.0) < begin - _NEAR:
                 continue
-            if count == len(film.times) and film.begin is not None:
+            if count == len(film.times) and begin is not None:
                 break
             _require_size(film, frame, count)
             yield nothing if only is not None and count not in only else _sized(film, frame, size)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from support.odd_videos import H, W, encoded
 
-from gril_jax.demos.vision.opening import opened
 from gril_jax.demos.vision.timed import frames_of, look
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
@@ -88,6 +87,12 @@ def test_a_pointer_of_git_lfs_is_told_from_a_damaged_video(tmp_path):
         look(tmp_path / "a.mp4")
 
 
+def test_a_link_that_was_copied_as_text_is_said(tmp_path):
+    (tmp_path / "a.mp4").write_text("../../blobs/0123")
+    with pytest.raises(DemoError, match=r"the text of a link to it, \.\./\.\./blobs/0123; copy"):
+        look(tmp_path / "a.mp4")
+
+
 @pytest.mark.parametrize(
     ("name", "codec", "options"),
     [
@@ -117,7 +122,16 @@ def test_a_file_that_was_cut_short_is_refused_wherever_its_index_lies(
         look(path)
 
 
-def test_an_upright_file_is_opened_once_for_each_reader(tmp_path):
-    path = encoded(tmp_path / "a.mp4", frames=3)
-    with opened(path) as (container, stream):
-        assert stream is container.streams.video[0]
+def test_of_several_videos_in_a_file_the_first_counts_and_it_is_said(tmp_path):
+    with av.open(str(tmp_path / "a.mp4"), "w") as out:
+        streams = [out.add_stream("libx264", rate=10) for _ in range(2)]
+        for stream, width in zip(streams, (W, 2 * W), strict=True):
+            stream.width, stream.height, stream.pix_fmt = width, H, "yuv420p"
+        for _ in range(3):
+            for stream in streams:
+                picture = np.zeros((H, stream.width, 3), np.uint8)
+                out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        for stream in streams:
+            out.mux(stream.encode())
+    film = look(tmp_path / "a.mp4")
+    assert (film.width, film.note) == (W, "the file holds 2 videos, of which the first counts")

@@ -7,7 +7,7 @@ import pytest
 from support.odd_videos import cut_at_open_group, encoded, remuxed
 
 from gril_jax.demos.vision.stamps import Packet, _lost, in_order
-from gril_jax.demos.vision.timed import frames_of, look
+from gril_jax.demos.vision.timed import frames_of, look, part
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
 
@@ -107,6 +107,14 @@ def test_pictures_of_vp8_that_are_never_shown_are_no_frames(tmp_path):
     path = encoded(tmp_path / "a.webm", "libvpx", 40, options=options)
     film = look(path)
     assert len(film.times) == len(shades(film)) == 40
+
+
+def test_an_episode_is_found_in_a_file_that_does_not_begin_at_0(tmp_path):
+    whole = encoded(tmp_path / "whole.mkv", options=FLAT | {"g": "5"})
+    later = lambda known: [(pts + 700, dts + 700, *one) for pts, dts, *one in known]  # noqa: E731
+    film = look(remuxed(tmp_path / "a.mkv", whole, later))
+    assert film.times[0] == 0
+    assert shades(part(film, 0.8, 1.2, "later")) == [8, 9, 10, 11]
 
 
 def test_a_film_without_stamps_counts_at_its_rate(tmp_path):
