@@ -11,6 +11,7 @@ from typing import Any
 
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.task import NO_TASK
+from gril_jax.demos.folders import left_by_system
 from gril_jax.envs.user_tasks import files
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.runs import reading, run_dir
@@ -85,7 +86,8 @@ def demo_set_to_write(name: str) -> Path:
     """Checks that a path is a new or empty folder, or a demonstration set to replace."""
     path = Path(name)
     if path.is_dir():
-        if any(path.iterdir()) and not (path / "demos.json").is_file():
+        held = [one.name for one in path.iterdir() if not left_by_system(one.name)]
+        if held and not (path / "demos.json").is_file():
             raise DemoError(f"{path} holds other files, but --out must be new, empty or a demo set")
     else:
         run_dir.require_new(path)

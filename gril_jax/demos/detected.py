@@ -10,6 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import UInt8
+
 from gril_jax.config import EnvConfig
 from gril_jax.errors import DemoError
 from gril_jax.threads import parallel_map
@@ -108,13 +111,21 @@ def of_videos(
             )
         tracks = detector.detect(read_video(path), name=str(path))
         kind = outcome if isinstance(outcome, str) else outcome[path.stem]
-        return Demo(path.stem, functools.partial(read_video, path), tracks, outcome=kind)
+        return Demo(path.stem, functools.partial(_pictures, path), tracks, outcome=kind)
 
     source = f"{len(paths)} videos of {folder.name}" if source is None else source
     return _trimmed(
         parallel_map(seen, paths), len(paths), detector, progress, task=name, fps=fps,
         source=source, unit=WORLD,
     )  # fmt: skip
+
+
+def _pictures(path: Path) -> UInt8[np.ndarray, "T H W 3"]:
+    """A video's frames, without the last row or column where that makes their number even, as a
+    set's videos need."""
+    frames = read_video(path)
+    height, width = frames.shape[1:3]
+    return frames[:, : height // 2 * 2, : width // 2 * 2]
 
 
 def _trimmed(

@@ -21,6 +21,7 @@ import numpy as np
 from gril_jax.errors import DemoError
 
 from .demo import Demo, Frames, Tracks
+from .folders import left_by_system
 from .schema import (
     ABOUT,
     DTYPES,
@@ -71,14 +72,14 @@ def write_demo_set(
     about |= {"classes": classes, "robots": list(robots)}
     if folder.exists() and not folder.is_dir():
         raise DemoError(f"{folder}: this is a file; a demo set needs a folder.")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / HEADER).is_file():
+    held = [p.name for p in folder.iterdir()] if folder.is_dir() else []
+    held = [name for name in held if not left_by_system(name)]
+    if held and not (folder / HEADER).is_file():
         raise DemoError(
             f"{folder}: the folder is not empty and no demo set ({HEADER} is missing), "
             "so it was left alone; name a new or empty folder."
         )
-    if folder.is_dir() and (
-        more := [p.name for p in folder.iterdir() if not _OURS.fullmatch(p.name)]
-    ):
+    if more := [name for name in held if not _OURS.fullmatch(name)]:
         raise DemoError(
             f"{folder}: beside a demo set the folder holds {min(more)!r}, which would be lost, so "
             "it was left alone; name a new or empty folder."

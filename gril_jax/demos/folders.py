@@ -20,6 +20,14 @@ _HIDDEN = re.compile(r"\.[^.]")
 _COMING = re.compile(r"\.?(.+?)\.(part|crdownload|download|icloud)")
 
 
+_SYSTEMS = re.compile(r"\._.*|\.DS_Store|Thumbs\.db|desktop\.ini")
+
+
+def left_by_system(name: str) -> bool:
+    """True for a file that a Mac or Windows leaves in a folder that it has shown."""
+    return _SYSTEMS.fullmatch(name) is not None
+
+
 def visible(folder: pathlib.Path, pattern: str) -> list[pathlib.Path]:
     """The paths of a folder that match a pattern and are not hidden, sorted by name."""
     return sorted(path for path in folder.glob(pattern) if not _HIDDEN.match(path.name))

@@ -3,6 +3,7 @@
 import dataclasses
 import pathlib
 
+import av
 import numpy as np
 import pytest
 from support import kitchen_films, scenes
@@ -117,6 +118,21 @@ def test_folders_of_videos_that_do_not_fit_are_refused_by_name(tmp_path):
     with pytest.raises(DemoError, match="two videos are called 'a'"):
         colour(tmp_path)
     assert not (tmp_path / "set").exists()
+
+
+def test_a_video_of_odd_sides_is_found_by_colour(tmp_path):
+    poses = [{"green square": (-0.5 + 0.1 * t, 0.5, 0.3)} for t in range(4)]
+    frames = [scene(pose, side=257, smooth=True) for pose in poses]
+    with av.open(str(tmp_path / "a.mp4"), "w") as out:
+        stream = out.add_stream("libx264", rate=8)
+        stream.width, stream.height, stream.pix_fmt = 257, 257, "yuv444p"
+        for frame in frames:
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        out.mux(stream.encode())
+    made = colour(tmp_path)
+    assert made[0].frames.shape[1:] == (256, 256, 3)
+    (tmp_path / "set" / ".DS_Store").write_bytes(b"")  # as of a Mac that has shown the set
+    assert colour(tmp_path) == made
 
 
 def test_options_that_contradict_recordings_are_refused(tmp_path):
