@@ -83,22 +83,6 @@ def moving(container: av.container.InputContainer) -> list[av.VideoStream]:
     return [one for one in container.streams.video if not one.disposition & _STILL]
 
 
-def frames_in(container: av.container.InputContainer, stream: av.VideoStream) -> Iterator:
-    """The frames that can be decoded, in the order in which they are shown.
-
-    What comes before the first frame may be undecodable, as after a cut without re-encoding."""
-    begun = False
-    for packet in container.demux(stream):
-        try:
-            frames = packet.decode()
-        except av.error.InvalidDataError:
-            if begun:
-                raise
-            continue
-        begun = begun or bool(frames)
-        yield from frames
-
-
 def shown(path: pathlib.Path, frame: av.VideoFrame) -> UInt8[np.ndarray, "H W 3"]:
     """A frame's picture in RGB, turned and mirrored as its file says."""
     across, sideways, upside_down = _turn(path, frame)

@@ -18,7 +18,7 @@ import numpy as np
 
 from gril_jax.errors import DemoError
 
-from .opening import frames_in, moving, opened
+from .opening import moving, opened
 
 _GOOD = 0.9  # share of the stamps that must be right if the others are to be put between them
 _RATES = (0.1, 1000.0)  # frames a second that a header may say
@@ -57,7 +57,7 @@ def frame_times(path: pathlib.Path, first: int | None) -> Times:
     else:
         with opened(path) as (container, stream):
             stream.thread_type = "AUTO"
-            stamps = [frame.pts for frame in frames_in(container, stream)]
+            stamps = [frame.pts for frame in container.decode(stream)]
         lost = _lost(path, packets, stamps)
     whole, bad = in_order(stamps)
     said = []

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int, UInt8
 from gril_jax.demos.formats.record import Film
 from gril_jax.errors import DemoError
 
-from .opening import frames_in, opened, shown, size_shown
+from .opening import opened, shown, size_shown
 from .stamps import frame_times
 
 _WIDEST = 640  # pixels of a kept picture: boxes are not read from it
@@ -29,7 +29,7 @@ def look(path: str | os.PathLike) -> Film:
     """A video's times and size, without reading its pictures; errors are those of `read_video`."""
     path = pathlib.Path(path)
     with opened(path) as (container, stream):
-        first = next(frames_in(container, stream), None)
+        first = next(container.decode(stream), None)
         if first is None:
             raise DemoError(f"{path}: the video holds no frames.")
         width, height = size_shown(path, first)
@@ -119,7 +119,7 @@ def frames_of(
         stream.thread_type = "AUTO"
         if begin is not None:  # to the key frame before it
             container.seek(int(begin / stream.time_base), stream=stream)
-        for frame in frames_in(container, stream):
+        for frame in container.decode(stream):
             if begin is not None and (frame.time or 0.0) < begin - _NEAR:
                 continue
             if count == len(film.times) and begin is not None:

@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
 
-from .opening import frames_in, opened, shown
+from .opening import opened, shown
 from .stamps import frame_times
 
 _OPTIONS = {
@@ -93,7 +93,7 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
     path, frames, first = pathlib.Path(path), [], None
     with opened(path) as (container, stream):
         stream.thread_type = "AUTO"
-        for frame in frames_in(container, stream):
+        for frame in container.decode(stream):
             if 2 * (len(frames) + 1) * frame.width * frame.height * 3 > _memory():  # stacked below
                 raise DemoError(
                     f"{path}: its frames need more than half of this machine's memory; "
@@ -101,10 +101,10 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
                 )
             first = frame.pts if not frames else first
             frames.append(shown(path, frame))
-        promised = stream.frames or len(frames)
+        promised = stream.frames
     if not frames:
         raise DemoError(f"{path}: the video holds no frames.")
-    if len(frames) != promised:  # of all that are in the file, of which some may never be shown
+    if len(frames) != promised:  # the header counts what is never shown, or says nothing
         promised = len(frame_times(path, first).seconds)
     if len(frames) < promised:
         raise DemoError(

@@ -83,15 +83,20 @@ def test_leading_pictures_may_have_no_stamp():
         _lost(Path("a.mkv"), packets, [0, 33, 67, 100])
 
 
-def test_damage_later_than_the_beginning_is_an_error(tmp_path):
-    whole = encoded(tmp_path / "whole.mkv", options=FLAT | {"g": "5"})
+@pytest.mark.parametrize("codec", ["libx265", "libx264"])
+@pytest.mark.parametrize("at", [0, 5, 19])
+def test_damage_is_an_error_also_at_the_beginning(tmp_path, codec, at):
+    options = {"x265-params": "keyint=5:bframes=0:log-level=none"} if codec == "libx265" else FLAT
+    whole = encoded(tmp_path / "whole.mkv", codec, options=options | {"g": "5"})
 
     def damaged(known):
-        known[10] = (*known[10][:3], b"\0" * 40)
+        known[at] = (*known[at][:3], known[at][3][:6] + b"\0" * 40)
         return known
 
-    with pytest.raises(DemoError, match=r"a\.mkv: "):
-        shades(look(remuxed(tmp_path / "a.mkv", whole, damaged)))
+    path = remuxed(tmp_path / "a.mkv", whole, damaged)
+    for read in (lambda: shades(look(path)), lambda: read_video(path)):
+        with pytest.raises(DemoError, match=r"a\.mkv: "):
+            read()
 
 
 def test_a_recording_that_begins_within_a_group_is_read_from_its_first_key_frame(tmp_path):
