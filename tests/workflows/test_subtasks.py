@@ -178,7 +178,7 @@ def test_segments_are_a_table_and_films_of_their_own(tmp_path):
     assert rows[0] == ",".join(stage_ends.COLUMNS)
     assert rows[2:4] == ["d0,2,10,29,1.0,2.9,0,train", "d1,1,0,12,0.0,1.2,1,validation"]
     with Progress(stream=io.StringIO()) as progress:
-        stage_ends.write_films(tmp_path / "films", found, demos, progress)
-    films = sorted((tmp_path / "films").iterdir())
+        stage_ends.write_videos(tmp_path / "videos", found, demos, progress)
+    films = sorted((tmp_path / "videos").iterdir())
     assert [film.name for film in films] == ["d0-1.mp4", "d0-2.mp4", "d1-1.mp4", "d1-2.mp4"]
     assert [len(read_video(film)) for film in films] == [11, 20, 13, 28]

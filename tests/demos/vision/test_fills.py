@@ -96,9 +96,9 @@ def test_what_is_no_film_of_these_tasks_is_refused_in_a_sentence():
                        == 1 else []) for t in range(9)]  # fmt: skip
     with pytest.raises(DemoError, match="film: the number of red blocks changes"):
         FillDetector().detect(np.stack(changing), name="film")
-    with pytest.raises(DemoError, match="video: no robot is to be seen in any of 2 frames"):
+    with pytest.raises(DemoError, match="film: no robot is to be seen in any of 2 frames"):
         FillDetector().detect(np.full((2, 64, 64, 3), 255, np.uint8), name="film")
-    with pytest.raises(DemoError, match="video: the video holds no frames"):
+    with pytest.raises(DemoError, match="film: the video holds no frames"):
         FillDetector().detect(np.zeros((0, 64, 64, 3), np.uint8), name="film")
 
 
