@@ -75,7 +75,8 @@ def _rows(detector: _Detector, film: Film, frames: np.ndarray, first: int) -> li
                 f"{last} of {film.path.name}; it must give a list with the boxes of each frame."
             )
         begun = not isinstance(answer, list | tuple | np.ndarray)
-        for row in answer:  # a generator works, and fails, a frame at a time
+        # A generator works, and fails, a frame at a time; one without an end is stopped.
+        for row in itertools.islice(answer, len(frames) + 1):
             rows.append(row)
     except DemoError:
         raise
@@ -85,33 +86,34 @@ def _rows(detector: _Detector, film: Film, frames: np.ndarray, first: int) -> li
             f"{detector.name}: failed on {film.path.name}, {at} ({_said(error)}{_line(error)})."
         ) from error
     if len(rows) != len(frames):
+        given = f"{len(rows)}" if len(rows) < len(frames) else f"more than {len(frames)}"
         raise DemoError(
-            f"{detector.name}{detector.where}: gave boxes of {len(rows)} frames for {len(frames)} "
+            f"{detector.name}{detector.where}: gave boxes of {given} frames for {len(frames)} "
             f"of {film.path.name}; it must give a list for each."
         )
     return rows
 
 
 def _boxes(detector: _Detector, film: Film, frame: int, row: object) -> list[Box]:
-    where = f"{detector.name}, {film.path.name}, frame {frame}"
+    where = f"{detector.name}{detector.where}, {film.path.name}, frame {frame}"
     if row is None:
         return []
     try:
         given = [*row]
     except TypeError:
         raise DemoError(
-            f"{where}: boxes must be a list of them or None, not {row!r:.60}{detector.where}."
+            f"{where}: boxes must be a list of them or None, not {row!r:.60}."
         ) from None
     except _FAILURES as error:
         raise DemoError(f"{where}: failed ({_said(error)}{_line(error)}).") from error
-    return [_box(detector, film, frame, one, where) for one in given]
+    return [_box(film, frame, one, where) for one in given]
 
 
-def _box(detector: _Detector, film: Film, frame: int, given: object, where: str) -> Box:
+def _box(film: Film, frame: int, given: object, where: str) -> Box:
     if not isinstance(given, (tuple, list)) or len(given) not in (5, 6):
         raise DemoError(
             f"{where}: a box must be class, x_min, y_min, x_max, y_max and at most a confidence, "
-            f"not {' '.join(repr(given).split()):.60}{detector.where}."
+            f"not {' '.join(repr(given).split()):.60}."
         )
     sure = given[5] if len(given) == 6 else 1.0
     return box(film, frame, given[0], given[1:5], where, confidence=sure)

@@ -6,7 +6,7 @@ import pathlib
 import av
 import numpy as np
 import pytest
-from support import kitchen_films, scenes
+from support import kitchen_films, odd_videos, scenes
 from support.scenes import scene
 
 from gril_jax.demos.demo_set import demo_batch, load_demo_set, save_demo_set
@@ -141,6 +141,18 @@ def test_options_that_contradict_recordings_are_refused(tmp_path):
         import_videos(tmp_path, fps=10.0)
     with pytest.raises(DemoError, match=r"robot is of boxes beside videos, but .* recordings"):
         import_videos(tmp_path, robot="hand")
+
+
+def test_what_was_repaired_in_time_stamps_is_in_the_notes(tmp_path):
+    rows = "".join(f"{t},cup,{5 + t},9,{15 + t},20\n{t},hand,30,5,40,45\n" for t in range(20))
+    (tmp_path / "a.csv").write_text(f"frame,class,x_min,y_min,x_max,y_max\n{rows}")
+    whole = odd_videos.encoded(tmp_path / "whole.mkv", options={"x264-params": "bframes=0"})
+    same = lambda known: [*known[:9], (*known[8][:2], *known[9][2:]), *known[10:]]  # noqa: E731
+    odd_videos.remuxed(tmp_path / "a.mkv", whole, same)
+    whole.unlink()
+    made = import_videos(tmp_path, robot="hand")
+    assert len(made[0]) + made[0].trimmed == 20
+    assert "\na: time stamps are wrong or missing at 1 of 20 frames, which were put" in made.notes
 
 
 def test_a_set_may_have_the_rate_that_a_camera_just_misses(tmp_path):

@@ -25,6 +25,9 @@ def later(frames):
 def number(frames): return [3] * len(frames)
 def named(frames): return {"cup": CUP}
 def flat(frames): return [CUP] * len(frames)
+def classes(frames): return [[(7, 9, 9, 40, 40)]] * len(frames)
+def endless(frames):
+    while True: yield []
 def talks(frames): raise ValueError("one\\n" * 500)
 """
 
@@ -52,9 +55,11 @@ WRONG = {
     r"theirs.py, line 7\)",
     "theirs:ends": r"it called sys.exit\(0\), in .*theirs.py, line 8\)",
     "theirs:later": r"failed on a.mp4, frame 3 \(ZeroDivisionError: .*, in .*theirs.py, line 11\)",
-    "theirs:number": r"number, a.mp4, frame 0: boxes must be a list of them or None, not 3 \(.*12",
+    "theirs:number": r"number \(.*theirs.py, line 12\), a.mp4, frame 0: boxes must be a list.* 3",
+    "theirs:classes": r"line 15\), a.mp4, frame 0: a class must be a name .*, not 7",
+    "theirs:endless": r"gave boxes of more than 6 frames for 6 of a.mp4; it must give a list for",
     "theirs:named": r"gave {'cup': .* for frames 0 to 5 of a.mp4; it must give a list",
-    "theirs:flat": r"flat, a.mp4, frame 0: a box must be class, .*, not 'cup' \(.*theirs.py, line",
+    "theirs:flat": r"flat \(.*line 14\), a.mp4, frame 0: a box must be class, .*, not 'cup'",
     "theirs:talks": r"ValueError: one one one",
     "gone:detect": r"gone:detect cannot be imported \(it called sys.exit\(0\), in .*gone.py, line",
     "fails:detect": r"fails:detect cannot be imported \(KeyError: 'weights', in .*fails.py, line 2",

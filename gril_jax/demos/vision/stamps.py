@@ -42,7 +42,7 @@ class Times(NamedTuple):
 def frame_times(path: pathlib.Path, first: int | None) -> Times:
     """The times of a video's frames, of which the first has the time stamp `first`.
 
-    Raises DemoError if frames are damaged that are not before the first whole picture."""
+    Raises DemoError if frames give no picture that do not come before the first whole one."""
     with opened(path) as (container, stream):
         packets = [
             Packet(one.pts, one.dts, one.is_keyframe)
@@ -65,25 +65,19 @@ def frame_times(path: pathlib.Path, first: int | None) -> Times:
         said.append(f"the file holds {several} videos, of which the first counts")
     if lost:
         said.append(
-            f"{lost} pictures before its first whole one cannot be decoded and are passed over, as "
-            "players do, so boxes count from the first that is shown"
+            f"before its first whole picture {lost} cannot be decoded and are passed over, as in "
+            "players; boxes count from the first that is shown"
         )
+    wrong = f"time stamps are wrong or missing at {bad} of {len(stamps)} frames"
     if whole is not None:
         if bad:
-            said.append(
-                f"{bad} of {len(stamps)} time stamps repeat or miss, and these frames were put "
-                "between their neighbours"
-            )
+            said.append(f"{wrong}, which were put between their neighbours")
         return Times([stamp * float(base or 0) for stamp in whole], "; ".join(said) or None)
     if not _RATES[0] <= rate <= _RATES[1]:
         raise DemoError(
-            f"{path}: {bad} of {len(stamps)} time stamps repeat or miss, and the file says no "
-            "frame rate; write it again at a constant rate."
+            f"{path}: {wrong}, and the file says no frame rate; write it again at a constant rate."
         )
-    said.append(
-        f"{bad} of {len(stamps)} time stamps repeat or miss, so the file's constant rate of "
-        f"{rate:.4g} frames a second counts"
-    )
+    said.append(f"{wrong}, so the file's constant rate of {rate:.4g} frames a second counts")
     return Times([number / rate for number in range(len(stamps))], "; ".join(said))
 
 

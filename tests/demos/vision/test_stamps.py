@@ -51,7 +51,9 @@ def test_a_repeated_stamp_is_repaired_and_said(tmp_path):
     whole = encoded(tmp_path / "whole.mkv", options=FLAT)
     film = look(remuxed(tmp_path / "a.mkv", whole, changing(11, lambda known: known[10][0])))
     np.testing.assert_allclose(film.times, np.arange(20) / 10, atol=2e-3)
-    assert film.note.startswith("1 of 20 time stamps repeat or miss, and these frames were put")
+    assert film.note.startswith(
+        "time stamps are wrong or missing at 1 of 20 frames, which were put"
+    )
     assert shades(film) == [*range(20)]
 
 
@@ -71,7 +73,7 @@ def test_pictures_before_the_first_whole_one_are_passed_over(tmp_path, codec):
     seen = shades(film)
     assert seen == [*range(seen[0], 30)]
     assert len(film.times) == len(seen) == len(read_video(path)) == 18
-    assert film.note.startswith("2 pictures before its first whole one cannot be decoded")
+    assert film.note.startswith("before its first whole picture 2 cannot be decoded and are passed")
 
 
 def test_leading_pictures_may_have_no_stamp():
