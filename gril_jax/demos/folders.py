@@ -18,8 +18,6 @@ VIDEOS = (
 _HIDDEN = re.compile(r"\.[^.]")
 # What a browser, or a disk in a cloud, has in place of a file until it is there.
 _COMING = re.compile(r"\.?(.+?)\.(part|crdownload|download|icloud)")
-
-
 _SYSTEMS = re.compile(r"\._.*|\.DS_Store|Thumbs\.db|desktop\.ini")
 
 
