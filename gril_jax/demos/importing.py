@@ -19,6 +19,7 @@ from . import boxed, detected
 from .demo_set import DemoSet, load_demo_set, save_demo_set
 from .detected import Detect, detecting
 from .formats import boxes_of, lerobot
+from .formats.names import composed
 from .formats.record import Box, Film
 from .schema import NO_TASK
 from .vision.detect import Detector
@@ -163,12 +164,12 @@ def videos_in(folder: pathlib.Path, out: str | os.PathLike | None) -> list[pathl
         raise DemoError(f"{folder}: the folder holds no video ({', '.join(_VIDEOS)}).")
     if out is not None and os.path.realpath(folder) == os.path.realpath(out):
         raise DemoError(f"{folder}: this folder is read, so the demo set must go to another one.")
-    stems = [path.stem for path in paths]
+    stems = [composed(path.stem) for path in paths]
     for path in paths:
         if any("\ud800" <= letter <= "\udfff" for letter in path.name):
             shown = str(path).encode(errors="backslashreplace").decode()
             raise DemoError(f"{shown}: the file's name is not text in UTF-8; rename it.")
     for path in paths:
-        if stems.count(path.stem) > 1:
+        if stems.count(composed(path.stem)) > 1:
             raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")
     return paths
