@@ -6,6 +6,7 @@ five times too fast.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from gril_jax.errors import DemoError
 from .record import Box, Film
 
 _LEAST = 5  # frames with boxes, from which a step can be told
-_DENSE = 0.9  # share of the frames up to the last that have boxes, if all of them were looked at
+_DENSE = 0.6  # share of the frames up to the last that have boxes, if all of them were looked at
 _STEP = 1.9  # from here on the frames are as many as those of every second one
 _NAME = 1000  # letters of a name that are looked at
 _ROBOFLOW = re.compile(r"(_(jpe?g|png))?\.rf\.\w+$")  # which it writes after a file's name
@@ -41,7 +42,14 @@ def require_whole(path: Path, film: Film, frames: Iterable[int], otherwise: str)
 
 def require_all_seen(path: Path, film: Film, boxes: list[Box]) -> list[Box]:
     """The boxes; a DemoError if they seem to be of every so many frames, numbered without it."""
-    require_whole(path, film, (one.frame for one in boxes), "cut the video there")
+    frames = {one.frame for one in boxes}
+    require_whole(path, film, frames, "cut the video there")
+    most = max(Counter((one.frame, one.name) for one in boxes).values(), default=0)
+    if len(frames) == 1 and most >= max(_LEAST, len(film.times) / 2):
+        raise DemoError(
+            f"{path}: all boxes are of frame {boxes[0].frame}, {most} of {boxes[0].name!r}, but "
+            f"{film.path.name} has {len(film.times)} frames: each box needs the number of its own."
+        )
     return boxes
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from gril_jax.errors import DemoError
 
-from .clock import first_of, natural, number_in, require_all_seen, series_of
+from .clock import first_of, natural, number_in, require_whole, series_of
 from .names import best, composed
 from .record import Box, Film, box, checked, field, load, number, whole
 
@@ -49,13 +49,17 @@ def read(path: Path, film: Film) -> list[Box]:
             found.append((image, names[category], _edges(one, where), where, one))
     if not found:
         return checked([], path, film)
-    frames = _frames(own, path, film)
+    # Tools that count from 0 do so in each video.
+    zero = any(one.get("frame_id", one.get("frame_index")) == 0 for one in images)
+    frames = _frames(own, zero, path, film)
     boxes = [
         box(film, frames[image], name, edges, where, confidence=one.get("score", 1.0),
             track=_track(one))
         for image, name, edges, where, one in found
     ]  # fmt: skip
-    return checked(require_all_seen(path, film, boxes), path, film)
+    # A frame without boxes was looked at, too.
+    require_whole(path, film, frames.values(), "list an image of the last frame")
+    return checked(boxes, path, film)
 
 
 def _track(annotation: dict[str, Any]) -> Any:
@@ -136,7 +140,7 @@ def _of_folder(own: list, path: Path, film: Film) -> list:
     )
 
 
-def _frames(own: list[_Image], path: Path, film: Film) -> dict[int, int]:
+def _frames(own: list[_Image], zero: bool, path: Path, film: Film) -> dict[int, int]:
     """The frame of each image of the video, by the image's id."""
     given = [image for image in own if image.given is not None]
     if given and len(given) < len(own):
@@ -144,7 +148,7 @@ def _frames(own: list[_Image], path: Path, film: Film) -> dict[int, int]:
         raise DemoError(f"{lacks.where}: it has no frame_id, but other images have one.")
     if given:
         numbers = [whole(image.given, "frame_id", image.where, least=0) for image in own]
-        first = first_of(numbers, film, "frame_id", str(path))
+        first = 0 if zero else first_of(numbers, film, "frame_id", str(path))
     else:
         numbers, first = _by_name(own, path, film)
     frames: dict[int, int] = {}

@@ -7,18 +7,20 @@ could name other files, or unpack to more than fits into memory.
 """
 
 import math
+import re
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
 from gril_jax.errors import DemoError
 
+from .clock import require_all_seen
 from .names import best
 from .record import Box, Film, box, checked, number, read_text, whole
 
 _EDGES = ("xtl", "ytl", "xbr", "ybr")
 _SHAPES = ("polygon", "polyline", "points", "mask", "ellipse", "cuboid", "skeleton")
-_ABOUT = ("id", "name", "source", "stop_frame")  # of a task
+_ABOUT = ("id", "name", "source", "size", "start_frame", "stop_frame", "frame_filter")  # of a task
 
 
 class _Seen(NamedTuple):
@@ -53,6 +55,10 @@ def read(path: Path, film: Film) -> list[Box]:
         for one in reader.boxes
         if ident is None or _task_of(one, reader.tasks) == ident
     ]
+    if own is None or _last(reader.tasks[own], path) < len(film.times) - 1:
+        require_all_seen(path, film, boxes)
+    if own is not None:
+        _require_steps(boxes, reader.tasks[own], path)
     return checked(boxes, path, film)
 
 
@@ -99,14 +105,32 @@ def _require_size(film: Film, side: str, said: str, where: str) -> None:
 
 def _require_length(film: Film, task: dict[str, str], path: Path) -> None:
     """Raises DemoError if the task's last frame is beyond the video, whose rate then differs."""
-    total = len(film.times)
-    if "stop_frame" not in task:
-        return
-    last = whole(task["stop_frame"], "stop_frame", str(path), least=0)
-    if last > total + 1:  # CVAT and others may count a damaged frame at the end
+    total, last = len(film.times), _last(task, path)
+    if last > total + 1:  # CVAT may count a damaged frame at the end
         raise DemoError(
             f"{path}: the task's last frame is {last}, but {film.path.name} has {total} frames; "
             "the boxes must be of this very file."
+        )
+
+
+def _last(task: dict[str, str], path: Path) -> int:
+    """The last frame of a task; -1 where it is not known."""
+    if task.get("stop_frame"):
+        return whole(task["stop_frame"], "stop_frame", str(path), least=0)
+    if task.get("size") and not task.get("frame_filter"):
+        return whole(task["size"], "size", str(path), least=0) - 1
+    return -1
+
+
+def _require_steps(boxes: list[Box], task: dict[str, str], path: Path) -> None:
+    """Raises DemoError if a task of every so many frames has boxes of others."""
+    found = re.fullmatch(r"step\s*=\s*(\d{1,6})", task.get("frame_filter", "").strip())
+    step = int(found[1]) if found else 1
+    first = whole(task.get("start_frame") or 0, "start_frame", str(path), least=0)
+    if step > 1 and (wrong := [one for one in boxes if (one.frame - first) % step]):
+        raise DemoError(
+            f"{wrong[0].where}: a box of frame {wrong[0].frame}, but the task has one frame in "
+            f"{step} from {first} on; frames must be numbered as in the video."
         )
 
 

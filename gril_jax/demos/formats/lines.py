@@ -52,7 +52,11 @@ def read_csv(path: Path, film: Film) -> list[Box]:
             )
         if twice := [column for column in header if header.count(column) > 1]:
             raise DemoError(f"{path}, line 1: the column {twice[0]!r:.60} is there twice.")
-        found = [_csv_box(path, film, header, row, rows.line_num) for row in rows if row]
+        found = [
+            _csv_box(path, film, header, row, rows.line_num)
+            for row in rows
+            if row and _columns([cell.strip() for cell in row]) != header  # appended to itself
+        ]
         return checked(require_all_seen(path, film, found), path, film)
     except csv.Error as error:
         raise DemoError(f"{path}, line {rows.line_num}: not CSV text ({error}).") from None

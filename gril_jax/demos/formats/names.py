@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from gril_jax.errors import DemoError
 
@@ -48,8 +49,15 @@ def stem(name: str) -> str:
 
 
 def base(name: str) -> str:
-    """The last part of a file's name or address in a tool's own storage, in one Unicode form."""
-    return composed(name.replace("\\", "/").rsplit("/", 1)[-1].split("?", 1)[0])
+    """The last part of a file's name or address in a tool's own storage, in one Unicode form.
+
+    >>> base("/data/local-files/?d=a.mp4"), base("s3://me/K%C3%BCche.mp4?key=a/b")
+    ('a.mp4', 'Küche.mp4')
+    """
+    name = name.split("?d=", 1)[-1].split("?", 1)[0]
+    if "://" in name or name.startswith("/data/"):  # an address, not a path
+        name = unquote(name)
+    return composed(name.replace("\\", "/").rsplit("/", 1)[-1])
 
 
 def best(film: Path, named: Sequence[Iterable[str]]) -> list[int]:

@@ -5,6 +5,7 @@ box of any object, and those that have some come at regular gaps. Such boxes are
 of a video of these frames alone. Shapes use T for frames, S for annotated ones and N for objects.
 """
 
+import itertools
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -12,8 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from .mending import Mended, mended
 
-_REGULAR = 0.9  # share of the gaps that are one step long, or several
+_REGULAR = 0.75  # share of the gaps that are one step long, or several
 _UNEVEN = 5  # frames of a step that may be one more or less: one a second of 29.97 a second
+_FEW = 4  # steps of a gap; with more of them, any gap would be some
 _LEAST = 3  # annotated frames from which a step is told
 _RATE = 10.0  # sightings a second; rarer ones are believed, since hands may be anywhere in the next
 
@@ -21,27 +23,25 @@ _RATE = 10.0  # sightings a second; rarer ones are believed, since hands may be 
 def annotated(frames: Iterable[int], total: int) -> Int[np.ndarray, "S"] | None:
     """The frames that were annotated, by those that have boxes; None where all were.
 
-    A frame of a regular step that has no box was annotated, too: nothing was there.
-
     >>> annotated([0, 10, 20, 40], 45).tolist()
-    [0, 10, 20, 30, 40]
+    [0, 10, 20, 40]
     >>> annotated([0, 1, 2, 40], 45) is None
     True
     """
     known = np.unique(np.fromiter(frames, int))
-    gaps = np.diff(known)
     if len(known) < _LEAST or 2 * len(known) > total + 1:
         return None
-    step = float(np.median(gaps))
+    gaps = np.diff(known)
+    steps = float(np.median(gaps)), float(gaps.min())
+    return known if any(_regular(gaps, step) for step in steps) else None
+
+
+def _regular(gaps: Int[np.ndarray, "S"], step: float) -> bool:
+    """True if most gaps are a step long, or a few."""
     steps = np.maximum(np.round(gaps / step), 1)
-    off = np.abs(gaps - steps * step) > (steps if step >= _UNEVEN else 0)
-    if step < 2 or off.mean() > 1 - _REGULAR:
-        return None
-    parts = [
-        np.linspace(a, b, int(n), endpoint=False)
-        for a, b, n in zip(known[:-1], known[1:], steps, strict=True)
-    ]
-    return np.round(np.concatenate([*parts, known[-1:]])).astype(int)
+    off = np.abs(gaps - steps * step) > (1 if step >= _UNEVEN else 0)
+    off |= steps > _FEW
+    return bool(step >= 2 and off.mean() <= 1 - _REGULAR)
 
 
 def mended_between(
@@ -56,6 +56,8 @@ def mended_between(
     """The repaired boxes of all frames, of which those `at` were annotated; see `mended`."""
     step = step_of(at)
     often = fps / step >= _RATE
+    if often:  # a detector of every so many frames, which saw nothing in those between
+        at = _filled(at, step)
     if jitter is None and not often:
         jitter = 0.0  # what bends is the way, not the box
     if smoothing is not None:
@@ -74,8 +76,17 @@ def mended_between(
 
 
 def step_of(at: Int[np.ndarray, "S"]) -> float:
-    """Frames from one annotated frame to the next."""
-    return float(at[-1] - at[0]) / (len(at) - 1)
+    """Frames from one annotated frame to the next, as a rule."""
+    return float(np.median(np.diff(at)))
+
+
+def _filled(at: Int[np.ndarray, "S"], step: float) -> Int[np.ndarray, "R"]:
+    """The same frames, and in longer gaps those of the steps between."""
+    parts = [
+        np.linspace(a, b, max(round((b - a) / step), 1), endpoint=False)
+        for a, b in itertools.pairwise(at.tolist())
+    ]
+    return np.round(np.concatenate([*parts, at[-1:]])).astype(int)
 
 
 def _seen(

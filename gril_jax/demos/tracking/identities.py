@@ -76,9 +76,9 @@ def linked(boxes: Sequence[Box], frames: int, count: int, *, sparse: bool = Fals
             if known < count and not same[row, column] and apart[row, column] > far:
                 continue  # an object that has not been seen before
             free.discard(row)
-            renewed += identity[column] not in (None, now[row].track)
+            renewed += now[row].track is not None and identity[column] not in (None, now[row].track)
             edges[frame, column], place[column] = corners[row], center[row]
-            identity[column] = now[row].track
+            identity[column] = now[row].track or identity[column]
         for row in sorted(free, key=lambda row: -now[row].confidence):
             if known == count:
                 extra += 1

@@ -116,7 +116,7 @@ def mot(folder, numbers):
 @pytest.mark.parametrize("write", [yolo, csv, mot], ids=lambda write: write.__name__)
 def test_frames_numbered_without_their_step_are_refused(tmp_path, write):
     write(tmp_path, range(1, 19))
-    words = r"lie in frames 0 to 17, the first 20% of the 90 frames of a\.mp4, as if .* of one frame in 5: number"
+    words = r"lie in frames 0 to 17, the first 20% of the 90 frames of a\.mp4, .* one frame in 5:"
     with pytest.raises(DemoError, match=words):
         frames_of(tmp_path, frames=90)
     assert frames_of(tmp_path, frames=20) == [*range(18)]
@@ -139,6 +139,22 @@ def test_one_text_for_a_whole_video_is_refused(tmp_path):
     (tmp_path / "b.txt").write_text("0 0.5 0.5 0.1 0.1 0.9\n" * FRAMES)
     with pytest.raises(DemoError, match=r"b\.txt, line 1: this is YOLO text, .* a folder b of"):
         boxes_of(film(tmp_path, name="b.mp4"))
+
+
+def test_all_boxes_of_one_frame_are_refused(tmp_path):
+    rows = "".join(f"0,cup,{t},1,{t + 9},9\n" for t in range(FRAMES))
+    (tmp_path / "a.csv").write_text(f"frame,class,x_min,y_min,x_max,y_max\n{rows}")
+    with pytest.raises(
+        DemoError, match=r"all boxes are of frame 0, 20 of 'cup', but a\.mp4 has 20"
+    ):
+        boxes_of(film(tmp_path))
+
+
+def test_a_csv_that_was_appended_to_itself_is_read(tmp_path):
+    csv(tmp_path, range(1, 21))
+    text = (tmp_path / "a.csv").read_text()
+    (tmp_path / "a.csv").write_text(text + text)
+    assert frames_of(tmp_path) == sorted(2 * [*range(20)])
 
 
 def studio(folder, **value):
@@ -164,10 +180,36 @@ def test_label_studio_s_frames_of_another_video_are_refused(tmp_path, value):
         boxes_of(film(tmp_path, frames=50, fps=50))
 
 
-def test_a_task_of_cvat_that_is_longer_than_the_video_is_refused(tmp_path):
-    box = '<box frame="0" outside="0" xtl="1" ytl="1" xbr="9" ybr="9"/>'
-    task = "<meta><task><id>1</id><stop_frame>39</stop_frame></task></meta>"
-    track = f'<track id="0" label="cup">{box}</track>'
-    (tmp_path / "a.xml").write_text(f"<annotations>{task}{track}</annotations>")
-    with pytest.raises(DemoError, match=r"the task's last frame is 39, but a\.mp4 has 20 frames"):
+def cvat(folder, meta, frames):
+    boxes = "".join(f'<box frame="{t}" xtl="1" ytl="1" xbr="9" ybr="9"/>' for t in frames)
+    track = f'<track id="0" label="cup">{boxes}</track>'
+    text = f"<annotations><meta><task><id>1</id>{meta}</task></meta>{track}</annotations>"
+    (folder / "a.xml").write_text(text)
+
+
+STEP = "<frame_filter>step=5</frame_filter>"
+
+
+@pytest.mark.parametrize(
+    ("meta", "frames", "words"),
+    [
+        ("<stop_frame>39</stop_frame>", [0], "the task's last frame is 39, but a.mp4 has 20"),
+        ("<size>40</size>", [0], "the task's last frame is 39, but a.mp4 has 20 frames"),
+        ("<size>10</size>", range(10), "the first 50% of the 20 frames"),
+        (f"<size>4</size>{STEP}", range(4), "a box of frame 1, but the task has one frame in 5"),
+    ],
+)
+def test_a_task_of_cvat_of_another_rate_is_refused(tmp_path, meta, frames, words):
+    cvat(tmp_path, meta, frames)
+    with pytest.raises(DemoError, match=words):
         boxes_of(film(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("meta", "frames"),
+    [(f"<size>4</size><stop_frame>19</stop_frame>{STEP}", [0, 5, 10, 15]),
+     ("<size>20</size>", range(10)), ("<size>21</size>", range(20))],
+)  # fmt: skip
+def test_the_boxes_of_a_task_of_cvat_are_of_the_video_s_frames(tmp_path, meta, frames):
+    cvat(tmp_path, meta, frames)
+    assert frames_of(tmp_path) == [*frames]
