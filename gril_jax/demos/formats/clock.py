@@ -14,7 +14,8 @@ from gril_jax.errors import DemoError
 
 from .record import Box, Film
 
-_LEAST = 5  # frames with boxes, from which a step can be told
+_LEAST = 2  # frames with boxes, from which a step can be told
+_MANY = 5  # boxes of a class in the only frame that has some, from which they are of all frames
 _DENSE = 0.6  # share of the frames up to the last that have boxes, if all of them were looked at
 _STEP = 1.9  # from here on the frames are as many as those of every second one
 _NAME = 1000  # letters of a name that are looked at
@@ -45,7 +46,7 @@ def require_all_seen(path: Path, film: Film, boxes: list[Box]) -> list[Box]:
     frames = {one.frame for one in boxes}
     require_whole(path, film, frames, "cut the video there")
     most = max(Counter((one.frame, one.name) for one in boxes).values(), default=0)
-    if len(frames) == 1 and most >= max(_LEAST, len(film.times) / 2):
+    if len(frames) == 1 and most >= max(_MANY, len(film.times) / 2):
         raise DemoError(
             f"{path}: all boxes are of frame {boxes[0].frame}, {most} of {boxes[0].name!r}, but "
             f"{film.path.name} has {len(film.times)} frames: each box needs the number of its own."

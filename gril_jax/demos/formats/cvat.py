@@ -55,10 +55,10 @@ def read(path: Path, film: Film) -> list[Box]:
         for one in reader.boxes
         if ident is None or _task_of(one, reader.tasks) == ident
     ]
-    if own is None or _last(reader.tasks[own], path) < len(film.times) - 1:
-        require_all_seen(path, film, boxes)
     if own is not None:
         _require_steps(boxes, reader.tasks[own], path)
+    if own is None or _last(reader.tasks[own], path) < len(film.times) - 1:
+        require_all_seen(path, film, boxes)
     return checked(boxes, path, film)
 
 

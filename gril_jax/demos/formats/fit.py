@@ -6,6 +6,8 @@ from gril_jax.errors import DemoError
 
 from .record import Box, Film, alike
 
+_COMPARED = 200  # boxes of a class in a frame: no video shows more
+
 
 def require_told_apart(films: Sequence[Film], boxes: Sequence[list[Box]]) -> None:
     """Raises DemoError if a line of a file is a box of two videos."""
@@ -27,7 +29,7 @@ def once(boxes: list[Box]) -> tuple[list[Box], int]:
     kept: dict[tuple[int, str, str | None], list[Box]] = {}
     for one in boxes:
         same = kept.setdefault((one.frame, one.name, one.track), [])
-        if not any(alike(one, other) for other in same):
+        if not any(alike(one, other) for other in same[-_COMPARED:]):
             same.append(one)
     found = sorted((one for same in kept.values() for one in same), key=lambda one: one.frame)
     return found, len(boxes) - len(found)

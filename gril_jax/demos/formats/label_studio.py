@@ -78,7 +78,7 @@ def _results(task: Any, where: str) -> list[Any]:
     done = []
     for n, one in enumerate(made):
         at = f"{where}, annotation {n}"
-        if not field(one, "was_cancelled", bool, at, False):
+        if not (isinstance(one, dict) and one.get("was_cancelled")):
             done.append((field(one, "result", list, at), bool(one.get("ground_truth"))))
     if not done:
         raise DemoError(f"{where}: nobody has annotated it yet; all annotations are skipped ones.")

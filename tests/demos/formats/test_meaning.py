@@ -35,6 +35,7 @@ def studio(folder, *annotations):
     "annotations",
     [
         (annotation(20, was_cancelled=True), annotation(10, was_cancelled=False)),
+        ({"was_cancelled": True}, annotation(10, was_cancelled=None)),
         (annotation(20), annotation(10, ground_truth=True)),
         (annotation(), annotation(10)),
         (annotation(10), annotation(10)),
