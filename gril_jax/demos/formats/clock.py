@@ -15,6 +15,7 @@ from gril_jax.errors import DemoError
 from .record import Box, Film
 
 _LEAST = 2  # frames with boxes, from which a step can be told
+_SHORT = 10  # frames of a video, in fewer of which no step is told
 _MANY = 5  # boxes of a class in the only frame that has some, from which they are of all frames
 _DENSE = 0.6  # share of the frames up to the last that have boxes, if all of them were looked at
 _STEP = 1.9  # from here on the frames are as many as those of every second one
@@ -28,7 +29,7 @@ def require_whole(path: Path, film: Film, frames: Iterable[int], otherwise: str)
     `frames` are those that were looked at; `otherwise` says what helps if nothing is seen later.
     """
     known, total = sorted({*frames}), len(film.times)
-    if len(known) < _LEAST:
+    if len(known) < _LEAST or total < _SHORT:
         return
     first, last = known[0], known[-1]
     step = total / (last + 1)
