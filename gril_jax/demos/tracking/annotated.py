@@ -17,7 +17,7 @@ _REGULAR = 0.75  # share of the gaps that are one step long, or several
 _UNEVEN = 5  # frames of a step that may be one more or less: one a second of 29.97 a second
 _FEW = 4  # steps of a gap; with more of them, any gap would be some
 _LEAST = 3  # annotated frames from which a step is told
-_RATE = 10.0  # sightings a second; rarer ones are believed, since hands may be anywhere in the next
+_RATE = 15.0  # sightings a second; rarer ones are believed: hands may be anywhere in the next
 
 
 def annotated(frames: Iterable[int], total: int) -> Int[np.ndarray, "S"] | None:

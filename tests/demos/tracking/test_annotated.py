@@ -51,7 +51,7 @@ def test_misses_at_random_are_no_annotation(seed, seen):
     assert annotated(frames.tolist(), 300) is None
 
 
-@pytest.mark.parametrize("fps", [3.0, 10.0, 60.0])
+@pytest.mark.parametrize("fps", [3.0, 10.0, 60.0, 140.0])
 @pytest.mark.parametrize("jitter", [None, 2.0])
 def test_annotated_boxes_lie_on_lines_whatever_the_speed(fps, jitter):
     edges, at = way(), np.arange(0, TRUE, 10)
