@@ -49,11 +49,9 @@ def read(path: Path, film: Film) -> list[Box]:
             _require_size(film, side, said, where)
     if own is not None:
         _require_length(film, reader.tasks[own], path)
-    ident = None if own is None or len(reader.tasks) < 2 else reader.tasks[own].get("id")
+    several = len(reader.tasks) > 1
     boxes = [
-        _box(film, one)
-        for one in reader.boxes
-        if ident is None or _task_of(one, reader.tasks) == ident
+        _box(film, one) for one in reader.boxes if not several or _task_of(one, reader.tasks) == own
     ]
     if own is not None:
         _require_steps(boxes, reader.tasks[own], path)
@@ -83,15 +81,20 @@ def _task(reader: "_Reader", path: Path, film: Film) -> int | None:
     return found[0]
 
 
-def _task_of(one: _Seen, tasks: list[dict[str, str]]) -> str:
-    """The id of a track's task."""
+def _task_of(one: _Seen, tasks: list[dict[str, str]]) -> int:
+    """The place of a track's task: that of its task_id, or else of its source or name."""
     ident = one.track.get("task_id")
-    if ident not in [task.get("id") for task in tasks]:
+    if ident is None:
+        said = {one.track[key] for key in ("source", "task") if key in one.track}
+        found = [n for n, task in enumerate(tasks) if said & {task.get("source"), task.get("name")}]
+    else:
+        found = [n for n, task in enumerate(tasks) if task.get("id") == ident]
+    if len(found) != 1:
         raise DemoError(
             f"{one.where}: there are {len(tasks)} tasks, but task_id {ident!r:.60} of the track is "
             "none of them; export each task by itself."
         )
-    return ident
+    return found[0]
 
 
 def _require_size(film: Film, side: str, said: str, where: str) -> None:

@@ -84,6 +84,8 @@ def test_a_project_of_cvat_gives_each_video_its_own_tracks(tmp_path):
     )
     assert left(tmp_path) == {10.0, 30.0}
     assert left(tmp_path, "b.mp4") == {20.0}
+    cvat(tmp_path, [(7, "x", "a.mp4"), (8, "b", "y.mp4")], ["source='a.mp4'", "task='b'"])
+    assert (left(tmp_path), left(tmp_path, "b.mp4")) == ({10.0}, {20.0})
 
 
 @pytest.mark.parametrize(
