@@ -18,8 +18,11 @@ from . import import_notes
 from .demo import Demo, Tracks, trim_static_tail
 from .demo_set import DemoSet
 from .detected import WORLD
+from .formats.fit import once, require_told_apart, within
+from .formats.names import composed
 from .formats.record import Box, Film
 from .import_notes import Found
+from .tracking.annotated import annotated, mended_between, step_of
 from .tracking.identities import in_order, linked, objects_at_once
 from .tracking.mending import Mended, mended
 from .vision.timed import pictures, rate_of, required_rate, steps
@@ -37,6 +40,7 @@ class _Plan(NamedTuple):
     films: list[Film]
     boxes: list[list[Box]]
     outside: list[int]
+    twice: list[int]  # boxes that were there before, left out
     classes: tuple[str, ...]
     counts: dict[str, int]  # objects of each class of the boxes
     nodes: tuple[str, ...]  # class of each object in the set, in the order of the counts
@@ -65,6 +69,9 @@ def of_films(
     Raises:
       DemoError: a damaged video, or boxes that are missing, malformed or do not fit.
     """
+    robots = [*map(composed, robots)]
+    if not isinstance(outcome, str):
+        outcome = {composed(name): kind for name, kind in outcome.items()}
     plan = _planned(folder, [*films], list(map(boxes, films)), classes, fps)
     acting = _acting(folder, plan, robots, classes)
     kinds = np.repeat([*plan.counts], [*plan.counts.values()])
@@ -112,7 +119,9 @@ def _acting(
 
 
 def _planned(folder, films, boxes, classes, fps) -> _Plan:
-    boxes, outside = zip(*map(_within, films, boxes), strict=True)
+    require_told_apart(films, boxes)
+    boxes, twice = zip(*map(once, boxes), strict=True)
+    boxes, outside = zip(*map(within, films, boxes), strict=True)
     names = sorted({one.name for each in boxes for one in each})
     if classes is not None:
         for one in (one for each in boxes for one in each if one.name not in classes):
@@ -129,35 +138,9 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
     )
     words = tuple(nodes if classes is None else classes)
     if len({*words}) < len(words):
-        twice = next(word for word in words if words.count(word) > 1)
-        raise DemoError(f"{folder}: {twice!r} is a class, and also one of several of a class.")
-    return _Plan(films, [*boxes], [*outside], words, counts, nodes, round(rate, 6))
-
-
-def _within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
-    """The boxes that touch the picture, and the number of the others.
-
-    Raises DemoError if the others are so many that the boxes must be of another video."""
-
-    def inside(one: Box) -> bool:
-        low_x, low_y, high_x, high_y = one.edges
-        return low_x < film.width and low_y < film.height and high_x > 0 and high_y > 0
-
-    if boxes and max(max(one.edges) for one in boxes) <= 1:
-        raise DemoError(
-            f"{boxes[0].where}: all edges are at most 1, so the boxes seem to be shares of the "
-            f"picture; they must be pixels, and {film.path.name} is {film.width} x {film.height}."
-        )
-    kept = [one for one in boxes if inside(one)]
-    if 10 * (len(boxes) - len(kept)) > len(boxes):
-        first = next(one for one in boxes if not inside(one))
-        edges = ", ".join(f"{edge:g}" for edge in first.edges)
-        raise DemoError(
-            f"{first.where}: the box {edges} lies outside of the picture, as do "
-            f"{len(boxes) - len(kept)} of {len(boxes)}; {film.path.name} is {film.width} x "
-            f"{film.height} pixels, so the boxes seem to be of a video of another size."
-        )
-    return kept, len(boxes) - len(kept)
+        both = next(word for word in words if words.count(word) > 1)
+        raise DemoError(f"{folder}: {both!r} is a class, and also one of several of a class.")
+    return _Plan(films, [*boxes], [*outside], [*twice], words, counts, nodes, round(rate, 6))
 
 
 def _require_as_long(films: Sequence[Film], smoothing: int | None) -> None:
@@ -172,22 +155,28 @@ def _require_as_long(films: Sequence[Film], smoothing: int | None) -> None:
 
 def _followed(
     plan: _Plan, number: int, hands, jitter, smoothing
-) -> tuple[Mended, int, int, np.ndarray]:
-    """A video's repaired objects, its renewed identities and extra boxes, and who was seen when."""
-    film, parts, renewed, extra = plan.films[number], [], 0, 0
+) -> tuple[Mended, int, int, np.ndarray, float]:
+    """A video's repaired objects, its renewed identities and extra boxes, who was seen when, and
+    the frames from one annotated frame to the next."""
+    film, parts, renewed, extra = plan.films[number], [], 0, plan.twice[number]
+    rows = annotated((one.frame for one in plan.boxes[number]), len(film.times))
     for name, count in plan.counts.items():
         own = [one for one in plan.boxes[number] if one.name == name]
-        one = linked(own, len(film.times), count)
+        one = linked(own, len(film.times), count, sparse=rows is not None)
         parts.append(one.edges)
         renewed, extra = renewed + one.renewed, extra + one.extra
     edges = np.concatenate(parts, axis=1)
     sighted = ~np.isnan(edges[..., 0])
-    mend = mended(edges, film.fps, hands=hands, jitter=jitter, smoothing=smoothing)
+    given = {"hands": hands, "jitter": jitter, "smoothing": smoothing}
+    if rows is None:
+        mend, step = mended(edges, film.fps, **given), 1.0
+    else:
+        mend, step = mended_between(edges, rows, film.fps, **given), step_of(rows)
     order = np.concatenate(
         [at + in_order(mend.edges[:, at : at + n]) for at, n in _places(plan.counts)]
     )
     mend = mend._replace(edges=mend.edges[:, order], seen=mend.seen[:, order])
-    return mend, renewed, extra, sighted[:, order]
+    return mend, renewed, extra, sighted[:, order], step
 
 
 def _places(counts: Mapping[str, int]) -> list[tuple[int, int]]:
@@ -199,7 +188,7 @@ def _places(counts: Mapping[str, int]) -> list[tuple[int, int]]:
 def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
     """A video's demonstration, and what was found in it."""
     film = plan.films[number]
-    mend, renewed, extra, sighted = followed
+    mend, renewed, extra, sighted, step = followed
     tracks = _tracks(plan, film, mend, extent)
     resting = max(_RESTING * extent, _DEVIATIONS * noise)
     kept = trim_static_tail(tracks, plan.classes, robots=robots, moving=resting)
@@ -213,7 +202,7 @@ def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
     about = Found(
         film.name, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.carried,
         mend.off, renewed, extra, plan.outside[number], float(film.times[int(first.max())]),
-        mend.jitter, mend.smoothing, film.note,
+        mend.jitter, mend.smoothing, step, film.note,
     )  # fmt: skip
     return replace(whole, trimmed=cut).during(slice(kept)), about
 

@@ -7,6 +7,7 @@ A video that has not come yet is said, since a set without it would be another o
 import os
 import pathlib
 import re
+import unicodedata
 from collections.abc import Sequence
 
 from gril_jax.errors import DemoError
@@ -19,6 +20,15 @@ _HIDDEN = re.compile(r"\.[^.]")
 # What a browser, or a disk in a cloud, has in place of a file until it is there.
 _COMING = re.compile(r"\.?(.+?)\.(part|crdownload|download|icloud)")
 _SYSTEMS = re.compile(r"\._.*|\.DS_Store|Thumbs\.db|desktop\.ini")
+
+
+def composed(text: str) -> str:
+    """Text in the one Unicode form in which names are compared.
+
+    >>> composed("Ku\\u0308che") == "Küche"
+    True
+    """
+    return unicodedata.normalize("NFC", text)
 
 
 def left_by_system(name: str) -> bool:
@@ -71,11 +81,11 @@ def _near(folder: pathlib.Path) -> str:
 
 
 def _require_names(paths: Sequence[pathlib.Path]) -> None:
-    stems = [path.stem for path in paths]
+    stems = [composed(path.stem) for path in paths]
     for path in paths:
         if any("\ud800" <= letter <= "\udfff" for letter in path.name):
             named = str(path).encode(errors="backslashreplace").decode()
             raise DemoError(f"{named}: the file's name is not text in UTF-8; rename it.")
     for path in paths:
-        if stems.count(path.stem) > 1:
+        if stems.count(composed(path.stem)) > 1:
             raise DemoError(f"{path}: two videos are called {path.stem!r}; names must differ.")

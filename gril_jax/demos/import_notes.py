@@ -26,6 +26,7 @@ class Found(NamedTuple):
     late: float  # seconds until the last object is first seen
     jitter: float  # of centres along one axis, pixels of the video
     smoothing: int  # frames of the video that boxes were smoothed over
+    step: float = 1.0  # frames from one with boxes to the next, where they come at regular gaps
     note: str | None = None  # on its time stamps
 
 
@@ -49,6 +50,8 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
         mended.append(f"{count} were of another object and left out")
     if count := total("renewed"):
         mended.append(f"{count} changes of a tracker's identity were followed")
+    if count := total("extra"):
+        mended.append(f"{count} were second sightings of an object and left out")
     lines = [
         f"{len(films)} videos, {made.fps:g} frames a second; objects: {shown}; {acting}",
         f"lengths are in {made.unit}; a frame shows {made.half_extent:g} to each side of its "
@@ -59,6 +62,11 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
         lines.append(
             f"boxes jitter by {jitter:.1f} pixels: this is in the set as noise {made.noise:.4f} "
             f"({made.unit}), so that resting objects do not count as moved (jitter sets it)"
+        )
+    if rare := [film for film in films if film.step > 1]:
+        lines.append(
+            f"{', '.join(film.name for film in rare)}: boxes are those of one frame in "
+            f"{rare[0].step:.0f}; between these they lie on lines"
         )
     if several := [name for name, n in most.items() if n > 1]:
         lines.append(

@@ -211,7 +211,10 @@ CSV = {
     "turned over": (f"{COLUMNS}\n0,goal,8,0,0,8\n", "x_min < x_max"),
     "beyond float32": (f"{COLUMNS}\n0,goal,-1e300,0,1e300,8\n", "x_min must be a number"),
     "below float32": (f"{COLUMNS}\n0,goal,0,0,1e-300,8\n", "above 0"),
-    "twice": (f"{COLUMNS},track\n{ROW},1\n{ROW},1\n", "a second box of 'goal' 1 in frame 0"),
+    "twice": (
+        f"{COLUMNS},track\n{ROW},1\n0,goal,8,8,16,16,1\n",
+        "a second box of 'goal' 1 in frame 0",
+    ),
     "a formula": (f"{COLUMNS}\n0,=cmd|' /C calc'!A0,0,0,8,8\n", "class "),
     "one endless cell": (f"{COLUMNS}\n0,{'x' * 200_000},0,0,8,8\n", "not CSV text"),
     "an open quote": (f'{COLUMNS}\n0,"goal,0,0,8,8\n', "2 cells where 6"),

@@ -1,7 +1,8 @@
 """The boxes beside a video, and their format, which is told from what is in them.
 
 Beside NAME.mp4 boxes are NAME.csv, NAME.txt, NAME.xml, NAME.json, a folder NAME of one text a
-frame, or NAME/gt/gt.txt; `annotations.json` may hold those of all videos of a folder.
+frame, or NAME/gt/gt.txt. `annotations.json` or `annotations.xml` may hold those of all videos of a
+folder.
 """
 
 from collections.abc import Callable
@@ -9,7 +10,8 @@ from pathlib import Path
 
 from gril_jax.errors import DemoError
 
-from . import coco, cvat, label_studio, lines
+from . import coco, cvat, label_studio, lines, yolo
+from .names import there
 from .record import Box, Film, read_text
 
 Reader = Callable[[Path, Film], list[Box]]
@@ -17,7 +19,7 @@ Reader = Callable[[Path, Film], list[Box]]
 
 _BEGINS = {"<": cvat.read, "{": coco.read, "[": label_studio.read}
 _SUFFIXES = (".csv", ".txt", ".xml", ".json")
-_TOGETHER = "annotations.json"
+_TOGETHER = ("annotations.json", "annotations.xml")
 _HEAD = 4096  # letters from which a format is told
 
 
@@ -29,18 +31,18 @@ def boxes_of(film: Film) -> list[Box]:
 
 def file_of(film: Path) -> Path:
     """The file or folder of a video's boxes."""
-    beside = [film.with_suffix(suffix) for suffix in _SUFFIXES]
-    folder = film.with_suffix("")
+    beside = [there(film.with_suffix(suffix)) for suffix in _SUFFIXES]
+    folder = there(film.with_suffix(""))
     inside = folder / "gt" / "gt.txt"
     places = [*beside, inside if inside.exists() else folder]
     found = [path for path in places if path.exists() or path.is_symlink()]
-    if not found and (together := film.parent / _TOGETHER).exists():
-        return together
+    if not found:
+        found = [path for name in _TOGETHER if (path := film.parent / name).exists()]
     if not found:
         listed = ", ".join(path.name for path in beside)
         raise DemoError(
             f"{film}: no boxes are beside the video: they must be one of {listed}, a folder "
-            f"{folder.name}, or {_TOGETHER} of all videos."
+            f"{folder.name}, or {' or '.join(_TOGETHER)} of all videos."
         )
     if len(found) > 1:
         raise DemoError(
@@ -53,7 +55,7 @@ def file_of(film: Path) -> Path:
 def reader(path: Path) -> Reader:
     """The reader of a file's format."""
     if path.is_dir():
-        return lines.read_yolo
+        return yolo.read
     head = read_text(path)[:_HEAD]
     if not head.strip():
         raise DemoError(f"{path}: the boxes file is empty.")
@@ -61,6 +63,11 @@ def reader(path: Path) -> Reader:
         return lines.read_csv
     if known := _BEGINS.get(head.lstrip()[0]):
         return known
+    if yolo.is_yolo(head):
+        raise DemoError(
+            f"{path}, line 1: this is YOLO text, whose boxes are of one frame, but there must be a "
+            f"folder {path.stem} of a text a frame, whose name ends with the frame's number."
+        )
     if lines.is_mot(head):
         return lines.read_mot
     raise DemoError(

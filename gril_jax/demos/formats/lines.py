@@ -1,16 +1,16 @@
-"""Boxes as lines of text: our own CSV, MOTChallenge and YOLO, of which the last two number classes.
+"""Boxes as lines of text: our own CSV, and MOTChallenge, which numbers classes.
 
 A names file beside the boxes or the video has the name of a class in each line.
 """
 
 import csv
-import re
 from pathlib import Path
 
-from gril_jax.demos.folders import visible
 from gril_jax.errors import DemoError
 
-from .record import Box, Film, box, checked, class_name, number, read_text, whole
+from .clock import require_all_seen
+from .names import class_name, there
+from .record import Box, Film, box, checked, is_number, number, read_text, whole
 
 COLUMNS = ("frame", "class", "x_min", "y_min", "x_max", "y_max")
 _ALSO = {
@@ -18,7 +18,6 @@ _ALSO = {
     "track_id": "track",
 }  # fmt: skip
 _LEAST = 6  # columns, without confidence and class
-_NUMBER = re.compile(r"-?\d+(\.0*)?")
 FILES = ("names.txt", "classes.txt", "labels.txt", "obj.names")
 
 
@@ -53,8 +52,12 @@ def read_csv(path: Path, film: Film) -> list[Box]:
             )
         if twice := [column for column in header if header.count(column) > 1]:
             raise DemoError(f"{path}, line 1: the column {twice[0]!r:.60} is there twice.")
-        return checked([_csv_box(path, film, header, row, rows.line_num) for row in rows if row],
-                       path, film)  # fmt: skip
+        found = [
+            _csv_box(path, film, header, row, rows.line_num)
+            for row in rows
+            if row and _columns([cell.strip() for cell in row]) != header  # appended to itself
+        ]
+        return checked(require_all_seen(path, film, found), path, film)
     except csv.Error as error:
         raise DemoError(f"{path}, line {rows.line_num}: not CSV text ({error}).") from None
 
@@ -75,7 +78,7 @@ def _csv_box(path: Path, film: Film, header: list[str], row: list[str], line: in
 def is_mot(text: str) -> bool:
     """True for a first line of numbers."""
     cells = _cells(text.lstrip("\n").split("\n", 1)[0])
-    return len(cells) >= _LEAST and all(re.fullmatch(r"-?[\d.]+(e-?\d+)?", x) for x in cells[:6])
+    return len(cells) >= _LEAST and all(map(is_number, cells[:_LEAST]))
 
 
 def read_mot(path: Path, film: Film) -> list[Box]:
@@ -85,12 +88,12 @@ def read_mot(path: Path, film: Film) -> list[Box]:
 
     Frames count from 1, and pixels from 0, as trackers write them. (In MOTChallenge's own ground
     truth all boxes lie one pixel to the lower right, as its tools know.) A box with a confidence
-    of 0 does not count. A class is a name, or a number of the names file. Its first line is class
-    1, or class 0 if a box is of class 0.
+    of 0 does not count, and an id below 0 is none. A class is a name, or a number of the names
+    file. Its first line is class 1, or class 0 if a box is of class 0.
     """
     lines = [(n, _cells(x)) for n, x in enumerate(read_text(path).splitlines(), 1) if x.strip()]
     file, names = names_beside(path, film.path)
-    numbers = [cells[7] for _, cells in lines if len(cells) > 7 and _NUMBER.fullmatch(cells[7])]
+    numbers = [cells[7] for _, cells in lines if len(cells) > 7 and is_number(cells[7])]
     first = 0 if any(float(text) == 0 for text in numbers) else 1
     found = []
     for line, cells in lines:
@@ -107,9 +110,9 @@ def read_mot(path: Path, film: Film) -> list[Box]:
         left, top, width, height = (number(x, "a box", where) for x in cells[2:6])
         edges = (left, top, left + width, top + height)
         name = _class_of(cells[7] if len(cells) > 7 else "-1", first, names, file, where)
-        track = None if float(number(cells[1], "id", where)) < 0 else cells[1]
-        found.append(box(film, frame, name, edges, where, confidence=sure, track=track))
-    return checked(found, path, film)
+        number(cells[1], "id", where)
+        found.append(box(film, frame, name, edges, where, confidence=sure, track=cells[1]))
+    return checked(require_all_seen(path, film, found), path, film)
 
 
 def _cells(line: str) -> list[str]:
@@ -118,64 +121,12 @@ def _cells(line: str) -> list[str]:
 
 
 def _class_of(text: str, first: int, names: list[str], file: Path | None, where: str) -> str:
-    if not _NUMBER.fullmatch(text):
+    if not is_number(text):
         return text
     if float(text) < 0 and len(names) == 1:  # a tracker of one class leaves it out
         return names[0]
-    return named(int(float(text)), first, names, file, where)
-
-
-def read_yolo(path: Path, film: Film) -> list[Box]:
-    """The boxes of a folder with a file of YOLO text a frame, whose name ends with its number.
-
-        class centre_x centre_y width height [confidence] [track]
-
-    Lengths are shares of the picture; classes are numbers from 0 of the names file. Frames count
-    from 1, or from 0 if there is a file of that number. One further column is a track if all its
-    values are whole numbers, else a confidence. A frame without a file shows nothing.
-    """
-    folder = path / "labels" if (path / "labels").is_dir() else path
-    files = {}
-    for file in visible(folder, "*.txt"):
-        if file.name in FILES:
-            continue
-        ending = re.search(r"(\d+)$", file.stem)
-        if ending is None:
-            raise DemoError(f"{file}: the name must end with the frame's number.")
-        if (frame := int(ending[1])) in files:
-            raise DemoError(f"{file}: {files[frame].name} is of frame {frame}, too.")
-        files[frame] = file
-    if not files:
-        raise DemoError(f"{path}: the folder of boxes holds no file like NAME_1.txt.")
-    file, names = names_beside(folder, film.path)
-    first = 0 if 0 in files else 1
-    rows = [
-        (frame - first, f"{text}, line {n}", line.split())
-        for frame, text in files.items()
-        for n, line in enumerate(read_text(text).splitlines(), 1)
-        if line.strip()
-    ]
-    tracks = all(cells[5].isdigit() for _, _, cells in rows if len(cells) == 6)
-    return checked([_yolo_box(film, *row, names, file, tracks) for row in rows], path, film)
-
-
-def _yolo_box(film, frame, where, cells, names, file, tracks) -> Box:
-    if len(cells) not in (5, 6, 7):
-        raise DemoError(
-            f"{where}: {len(cells)} columns, but there must be class, centre_x, centre_y, width, "
-            "height, and at most confidence and track."
-        )
-    name = named(whole(cells[0], "class", where, least=0), 0, names, file, where)
-    x, y, width, height = (number(cell, "a length", where) for cell in cells[1:5])
-    if max(map(abs, (x, y, width, height))) > 2:
-        raise DemoError(f"{where}: lengths must be shares of the picture, from 0 to 1.")
-    edges = (
-        (x - width / 2) * film.width, (y - height / 2) * film.height,
-        (x + width / 2) * film.width, (y + height / 2) * film.height,
-    )  # fmt: skip
-    track = cells[6] if len(cells) == 7 else cells[5] if len(cells) == 6 and tracks else None
-    sure = cells[5] if len(cells) == 7 or (len(cells) == 6 and not tracks) else 1.0
-    return box(film, frame, name, edges, where, confidence=sure, track=track)
+    number_ = -1 if float(text) < 0 else whole(text, "class", where, least=0)
+    return named(number_, first, names, file, where)
 
 
 def names_beside(path: Path, film: Path) -> tuple[Path | None, list[str]]:
@@ -184,7 +135,7 @@ def names_beside(path: Path, film: Path) -> tuple[Path | None, list[str]]:
     folders = dict.fromkeys((path if path.is_dir() else path.parent, film.parent))
     places = [film.with_suffix(".names"), *(folder / name for folder in folders for name in FILES)]
     for place in places:
-        if place.is_file() and place != path:
+        if (place := there(place)).is_file() and place != path:
             return place, _names(place)
     return None, []
 

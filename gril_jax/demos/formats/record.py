@@ -7,6 +7,7 @@ Whatever does not fit is a `DemoError` that begins with the file and the line.
 import json
 import math
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from types import UnionType
@@ -14,10 +15,16 @@ from typing import Any, NamedTuple
 
 from gril_jax.errors import DemoError
 
+from .names import class_name, composed
+
 _LARGEST = 1e30  # pixels; beyond it, float32 would overflow
 _AWAY = 100  # sides of the picture that an edge may lie outside of it
-_LONGEST = 60  # letters of a class name
+_LONGEST = 60  # letters of an identity
 _BYTES = 1 << 28  # of a file of boxes; a long video's has some megabytes
+_ALIKE = 0.95  # of what two boxes cover together: they are one box, written twice
+_DIGITS = 9  # of a whole number, at most
+# A number as `numpy.savetxt` writes it, too: 1, 1.00, 1.000e+00.
+_WRITTEN = r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?"
 
 
 class Film(NamedTuple):
@@ -35,7 +42,7 @@ class Film(NamedTuple):
     @property
     def name(self) -> str:
         """The name of the video."""
-        return self.path.stem if self.title is None else self.title
+        return composed(self.path.stem if self.title is None else self.title)
 
     @property
     def fps(self) -> float:
@@ -83,21 +90,37 @@ def number(value: Any, what: str, where: str) -> float:
 def whole(value: Any, what: str, where: str, *, least: int) -> int:
     """A whole number that is not below the least."""
     text = str(value).strip()
-    digits = text.removesuffix(".0")
-    if not (digits.isascii() and digits.isdigit() and len(digits) < 10) or int(digits) < least:
+    found = float(text) if is_number(text) else math.nan
+    if not least <= found < 10**_DIGITS or found != int(found):
         raise DemoError(f"{where}: {what} must be a whole number from {least}, not {text!r:.60}.")
-    return int(digits)
+    return int(found)
 
 
-def class_name(value: Any, where: str) -> str:
-    """A class name: printable text without spaces around it."""
-    name = " ".join(value.split()) if isinstance(value, str) else ""
-    if not name or len(name) > _LONGEST or not name.isprintable():
-        raise DemoError(
-            f"{where}: a class must be a name of up to {_LONGEST} printable letters, not "
-            f"{value!r:.60}."
-        )
-    return name
+def is_number(text: str) -> bool:
+    """True for a number in digits.
+
+    >>> [is_number(text) for text in ("1", "1.00", "1.000e+00", "-1", "one", "")]
+    [True, True, True, True, False, False]
+    """
+    return len(text) < 40 and text.isascii() and bool(re.fullmatch(_WRITTEN, text, re.IGNORECASE))
+
+
+def identity(value: Any) -> str | None:
+    """An object's identity; None where a tool gives none, which is a number below 0 for some.
+
+    >>> [identity(value) for value in (3, "3.00", "a7", -1, "-1.0", "", "nan", None)]
+    ['3', '3', 'a7', None, None, None, None, None]
+    """
+    text = "" if value is None else str(value).strip()
+    if text.lower() in ("", "nan", "none", "null"):
+        return None
+    if not is_number(text):
+        return text[:_LONGEST]
+    number_ = float(text)
+    if number_ < 0:
+        return None
+    written = "." in text and abs(number_) < 10**_DIGITS and number_ == int(number_)
+    return str(int(number_)) if written else text
 
 
 def box(
@@ -132,19 +155,32 @@ def box(
                 f"{film.height} pixels."
             )
     sure = number(confidence, "confidence", where)
-    identity = None if track is None or track == "" else str(track).strip()[:_LONGEST]
-    return Box(frame, class_name(name, where), (low_x, low_y, high_x, high_y), sure, identity,
-               where)  # fmt: skip
+    return Box(frame, class_name(name, where), (low_x, low_y, high_x, high_y), sure,
+               identity(track), where)  # fmt: skip
+
+
+def alike(one: Box, other: Box) -> bool:
+    """True for two boxes of one class and identity that cover the same: one, written twice."""
+    if (one.frame, one.name, one.track) != (other.frame, other.name, other.track):
+        return False
+    pairs = zip(one.edges, other.edges, strict=True)
+    low_x, low_y, high_x, high_y = (
+        pick(pair) for pick, pair in zip((max, max, min, min), pairs, strict=True)
+    )
+    both = max(high_x - low_x, 0.0) * max(high_y - low_y, 0.0)
+    area = lambda edges: (edges[2] - edges[0]) * (edges[3] - edges[1])  # noqa: E731
+    return both >= _ALIKE * (area(one.edges) + area(other.edges) - both)
 
 
 def checked(boxes: list[Box], path: Path, film: Film) -> list[Box]:
-    """The boxes in order of time; a DemoError if there is none, or a track is twice in a frame."""
+    """The boxes in order of time; a DemoError if there is none, or a track is in a frame twice,
+    at two places."""
     if not boxes:
         raise DemoError(f"{path}: the boxes file of {film.name} holds no box.")
     seen: dict[tuple[int, str, str], Box] = {}
     for one in boxes:
         key = (one.frame, one.name, one.track or "")
-        if one.track is not None and key in seen:
+        if one.track is not None and key in seen and not alike(one, seen[key]):
             raise DemoError(
                 f"{one.where}: a second box of {one.name!r} {one.track} in frame {one.frame}; an "
                 "identity may be once in a frame."
@@ -183,12 +219,3 @@ def field(
             f"{where}: {name} must be {getattr(kind, '__name__', 'a number')}, not {value!r:.60}."
         )
     return value
-
-
-def stem(name: str) -> str:
-    """The stem of a file's name or address in a tool's own storage.
-
-    >>> stem("/data/upload/7/kitchen_01.mp4")
-    'kitchen_01'
-    """
-    return name.replace("\\", "/").rsplit("/", 1)[-1].split("?", 1)[0].rsplit(".", 1)[0]

@@ -19,6 +19,7 @@ _OFTEN = 0.2  # share of the frames that show a class: as many objects as they s
 _FAR = 2.0  # diagonals of the box: a box further from every known object is another one
 _MOVES = 0.5  # diagonals
 _SAME = 1.0  # diagonals that an equal identity outweighs
+_ANY = 1e9  # the same where there is no telling by places
 
 
 class Linked(NamedTuple):
@@ -47,8 +48,13 @@ def objects_at_once(boxes: Sequence[Box]) -> dict[str, int]:
     return found
 
 
-def linked(boxes: Sequence[Box], frames: int, count: int) -> Linked:
-    """The boxes of one class as `count` objects, in order of their first sighting."""
+def linked(boxes: Sequence[Box], frames: int, count: int, *, sparse: bool = False) -> Linked:
+    """The boxes of one class as `count` objects, in order of their first sighting.
+
+    `sparse` boxes are so far apart in time that an object may be anywhere in the next one. Then an
+    equal identity outweighs any distance, and what is far away is no other object.
+    """
+    far, alike = (np.inf, _ANY) if sparse else (_FAR, _SAME)
     edges = np.full((frames, count, 4), np.nan)
     place, known = np.zeros((count, 2)), 0  # of the objects found so far
     identity: list[str | None] = [None] * count
@@ -63,16 +69,16 @@ def linked(boxes: Sequence[Box], frames: int, count: int) -> Linked:
         same = np.array([[one.track is not None and one.track == identity[k] for k in range(known)]
                          for one in now], bool).reshape(len(now), known)  # fmt: skip
         apart = np.linalg.norm(center[:, None] - place[None, :known], axis=-1) / diagonal[:, None]
-        cost = apart - _SAME * same
+        cost = apart - alike * same
         rows, columns = linear_sum_assignment(cost) if known else (np.array([], int),) * 2
         free = {*range(len(now))}
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            if known < count and not same[row, column] and apart[row, column] > _FAR:
+            if known < count and not same[row, column] and apart[row, column] > far:
                 continue  # an object that has not been seen before
             free.discard(row)
-            renewed += identity[column] not in (None, now[row].track)
+            renewed += now[row].track is not None and identity[column] not in (None, now[row].track)
             edges[frame, column], place[column] = corners[row], center[row]
-            identity[column] = now[row].track
+            identity[column] = now[row].track or identity[column]
         for row in sorted(free, key=lambda row: -now[row].confidence):
             if known == count:
                 extra += 1

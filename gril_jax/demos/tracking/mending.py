@@ -44,6 +44,7 @@ def mended(
     hands: Sequence[int] = (),
     jitter: float | None = None,
     smoothing: int | None = None,
+    strays: bool = True,
 ) -> Mended:
     """Leaves out stray sightings, closes gaps, and smooths.
 
@@ -53,14 +54,17 @@ def mended(
       hands: the objects that carry others, and may hide them.
       jitter: pixels, where it is known; None estimates it.
       smoothing: frames, odd; None takes those of 0.3 s where boxes jitter, else 1.
+      strays: False believes all sightings, where they are too rare to tell strays by a jump.
     """
     jitter = jitter_of(edges) if jitter is None else jitter
     window = _odd(_AROUND * fps, least=5)
     bridged = round(_BRIDGED * fps)
     edges = uncut(edges, closed(edges, bridged), hands, jitter)
-    off = stray(edges, window, jitter)
-    off |= away(np.where(off[..., None], np.nan, edges), window, jitter)
-    off |= lone(np.where(off[..., None], np.nan, edges), window)
+    off = np.zeros(edges.shape[:2], bool)
+    if strays:
+        off = stray(edges, window, jitter)
+        off |= away(np.where(off[..., None], np.nan, edges), window, jitter)
+        off |= lone(np.where(off[..., None], np.nan, edges), window)
     edges = np.where(off[..., None], np.nan, edges)
     seen = ~np.isnan(edges[..., 0])
     if smoothing is None:

@@ -185,3 +185,9 @@ def test_sightings_of_another_between_a_jump_and_one_back_are_left_out():
     assert np.flatnonzero(away(hidden, 9)[:, 1]).tolist() == [*range(60, 64)]
     edges[66:, 0] += 300.0  # it stays there: it has been moved out of sight
     assert not away(edges, 9)[66:85].any()
+
+
+def test_a_tracker_that_does_not_know_for_a_time_renews_no_identity():
+    tracks = ["1", None, "1", None, "2"]
+    found = linked([at(t, 0.0, track=track) for t, track in enumerate(tracks)], 5, 1)
+    assert found.renewed == 1

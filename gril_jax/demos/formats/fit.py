@@ -1,0 +1,61 @@
+"""Which boxes of a file count: those of one video alone, each once, and within the picture."""
+
+from collections.abc import Sequence
+
+from gril_jax.errors import DemoError
+
+from .record import Box, Film, alike
+
+_COMPARED = 200  # boxes of a class in a frame: no video shows more
+
+
+def require_told_apart(films: Sequence[Film], boxes: Sequence[list[Box]]) -> None:
+    """Raises DemoError if a line of a file is a box of two videos."""
+    owner: dict[str, Film] = {}
+    for film, each in zip(films, boxes, strict=True):
+        for where in {one.where for one in each}:
+            if owner.setdefault(where, film) is not film:
+                raise DemoError(
+                    f"{where}: this box is taken for one of {owner[where].name} and of "
+                    f"{film.name}, since the file does not say which of its boxes are of which "
+                    "video; give each video a file of its own."
+                )
+
+
+def once(boxes: list[Box]) -> tuple[list[Box], int]:
+    """The boxes, of which each counts once where it is written twice, and how many were left out.
+
+    A detector that runs a second time may append its boxes to those of the first."""
+    kept: dict[tuple[int, str, str | None], list[Box]] = {}
+    for one in boxes:
+        same = kept.setdefault((one.frame, one.name, one.track), [])
+        if not any(alike(one, other) for other in same[-_COMPARED:]):
+            same.append(one)
+    found = sorted((one for same in kept.values() for one in same), key=lambda one: one.frame)
+    return found, len(boxes) - len(found)
+
+
+def within(film: Film, boxes: list[Box]) -> tuple[list[Box], int]:
+    """The boxes that touch the picture, and the number of the others.
+
+    Raises DemoError if the others are so many that the boxes must be of another video."""
+
+    def inside(one: Box) -> bool:
+        low_x, low_y, high_x, high_y = one.edges
+        return low_x < film.width and low_y < film.height and high_x > 0 and high_y > 0
+
+    if boxes and max(max(one.edges) for one in boxes) <= 1:
+        raise DemoError(
+            f"{boxes[0].where}: all edges are at most 1, so the boxes seem to be shares of the "
+            f"picture; they must be pixels, and {film.path.name} is {film.width} x {film.height}."
+        )
+    kept = [one for one in boxes if inside(one)]
+    if 10 * (len(boxes) - len(kept)) > len(boxes):
+        first = next(one for one in boxes if not inside(one))
+        edges = ", ".join(f"{edge:g}" for edge in first.edges)
+        raise DemoError(
+            f"{first.where}: the box {edges} lies outside of the picture, as do "
+            f"{len(boxes) - len(kept)} of {len(boxes)}; {film.path.name} is {film.width} x "
+            f"{film.height} pixels, so the boxes seem to be of a video of another size."
+        )
+    return kept, len(boxes) - len(kept)
