@@ -69,6 +69,31 @@ def dataset(folder, *, feature=True):
     return lerobot.opened(folder)
 
 
+def test_a_dataset_of_version_2_1_has_a_file_an_episode(tmp_path):
+    folder = tmp_path / "data"
+    dataset(folder)
+    info = json.loads((folder / "meta" / "info.json").read_text())
+    info |= {"codebase_version": "v2.1", "chunks_size": 1000}
+    info["video_path"] = (
+        "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+    )
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    rows = [json.dumps({"episode_index": n, "length": 1}) for n in (1, 0)]
+    (folder / "meta" / "episodes.jsonl").write_text("\n".join(rows) + "\n")
+    for number, told in enumerate(STORIES):
+        film = folder / f"videos/chunk-000/{CAMERA}/episode_{number:06d}.mp4"
+        film.parent.mkdir(parents=True, exist_ok=True)
+        write_video(film, shade(told, number), 10.0)
+    found = lerobot.opened(folder)
+    films = lerobot.films(found, CAMERA)
+    assert [film.name for film in films] == ["episode_000000", "episode_000001"]
+    assert [len(film.times) for film in films] == [len(told.boxes) for told in STORIES]
+    assert lerobot.boxes_in(found)(films[1])
+    (folder / "meta" / "episodes.jsonl").write_text("{\n")
+    with pytest.raises(DemoError, match="episodes.jsonl, line 1: not JSON"):
+        lerobot.films(found, CAMERA)
+
+
 def test_films_and_boxes_of_a_camera_are_imported(tmp_path):
     found = dataset(tmp_path / "data")
     films = lerobot.films(found, lerobot.camera_of(found, None))
@@ -197,7 +222,7 @@ def test_what_is_wrong_with_a_dataset_is_a_sentence(tmp_path, monkeypatch):
     found = dataset(tmp_path)
     info = dict(found.info)
     for change, words in (
-        ({"codebase_version": "v2.1"}, "codebase_version is 'v2.1'.*convert_dataset_v21_to_v30"),
+        ({"codebase_version": "v2.0"}, "codebase_version is 'v2.0'.*v3.0 or v2.1"),
         ({"fps": 0}, "fps is 0, but must be"),
         ({"features": {}}, "no feature is a video"),
         ({"features": {CAMERA: []}}, "must be dict"),

@@ -1,7 +1,7 @@
-"""LeRobot datasets, v3.0: the videos of one camera, and boxes that come with them.
+"""LeRobot datasets, v3.0 and v2.1: the videos of one camera, and boxes that come with them.
 
     meta/info.json     version, fps, features, and where data and videos are
-    meta/episodes      parquet files with a row an episode
+    meta/episodes      a row an episode: v3.0 in parquet files, v2.1 in episodes.jsonl
 
 Boxes are those of a feature of shape (N, 4) whose name ends in "boxes" and whose `names` are N
 classes: x_min, y_min, x_max, y_max in pixels, NaN where an object is not seen. Else they are files
@@ -11,6 +11,7 @@ the user's own, as in the cache of Hugging Face, and may lead anywhere.
 """
 
 import importlib
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
@@ -24,7 +25,7 @@ from gril_jax.demos.formats.record import Box, Film, box, checked, field, load, 
 from gril_jax.demos.vision.timed import look, part
 from gril_jax.errors import ConfigError, DemoError
 
-_VERSION = "v3.0"
+_VERSIONS = ("v3.0", "v2.1")
 _WHERE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 _BOXES = "boxes"  # how a feature's name ends, and the folder of files
 _SLACK = 0.01  # share of an episode's rows by which its video may be longer or shorter
@@ -41,6 +42,11 @@ class Dataset(NamedTuple):
     def where(self) -> str:
         """The file that says it."""
         return str(self.folder / "meta" / "info.json")
+
+    @property
+    def packed(self) -> bool:
+        """True if a file holds several episodes: v3.0."""
+        return self.info["codebase_version"] == "v3.0"
 
     @property
     def fps(self) -> float:
@@ -63,10 +69,10 @@ def opened(folder: Path) -> Dataset:
         )
     info = load(folder / "meta" / "info.json")
     version = field(info, "codebase_version", str, where)
-    if version != _VERSION:
+    if version not in _VERSIONS:
         raise DemoError(
-            f"{where}: codebase_version is {version!r:.20}, but must be {_VERSION}; lerobot's own "
-            "convert_dataset_v21_to_v30 converts a dataset of v2.1."
+            f"{where}: codebase_version is {version!r:.20}, but must be {' or '.join(_VERSIONS)}; "
+            "lerobot's own scripts convert datasets of other versions."
         )
     if not 0.1 <= (fps := field(info, "fps", int | float, where)) <= 1000:
         raise DemoError(f"{where}: fps is {fps}, but must be from 0.1 to 1000.")
@@ -77,11 +83,30 @@ def opened(folder: Path) -> Dataset:
 
 def episodes(dataset: Dataset) -> list[dict[str, Any]]:
     """A row an episode, in order."""
-    files = visible(dataset.folder / "meta" / "episodes", "chunk-*/file-*.parquet")
-    rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
+    if dataset.packed:
+        files = visible(dataset.folder / "meta" / "episodes", "chunk-*/file-*.parquet")
+        rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
+    else:
+        rows = _lines(dataset.folder / "meta" / "episodes.jsonl")
     if not rows:
         raise DemoError(f"{dataset.folder / 'meta'}: the dataset has no episodes.")
     return sorted(rows, key=lambda row: row["episode_index"])
+
+
+def _lines(file: Path) -> list[dict[str, Any]]:
+    """The rows of episodes.jsonl."""
+    found = []
+    for number, line in enumerate(read_text(file).splitlines(), 1):
+        where = f"{file}, line {number}"
+        try:
+            row = json.loads(line)
+        except ValueError:
+            raise DemoError(f"{where}: not JSON.") from None
+        if not isinstance(row, dict):
+            raise DemoError(f"{where}: must be an object with an episode_index.")
+        field(row, "episode_index", int, where)
+        found.append(row)
+    return found
 
 
 def camera_of(dataset: Dataset, camera: str | None) -> str:
@@ -107,6 +132,13 @@ def films(dataset: Dataset, camera: str) -> list[Film]:
     """The video of each episode."""
     found, whole, of = [], {}, f"videos/{camera}/"
     for row in episodes(dataset):
+        if not dataset.packed:
+            number = row["episode_index"]
+            values = {"video_key": camera, "episode_index": number}
+            chunk = number // int(dataset.info.get("chunks_size", 1000))
+            path = _film_file(dataset, values | {"episode_chunk": chunk})
+            found.append(look(path)._replace(title=title_of(number)))
+            continue
         if lacks := [key for key in _WHERE if not isinstance(row.get(of + key), int | float)]:
             raise DemoError(f"{dataset.folder}: its episodes lack {of}{lacks[0]}.")
         number, places = row["episode_index"], {key: row[of + key] for key in _WHERE[:2]}
