@@ -90,7 +90,7 @@ def test_a_dataset_of_version_2_1_has_a_file_an_episode(tmp_path):
     assert [len(film.times) for film in films] == [len(told.boxes) for told in STORIES]
     assert lerobot.boxes_in(found)(films[1])
     (folder / "meta" / "episodes.jsonl").write_text("{\n")
-    with pytest.raises(DemoError, match="episodes.jsonl, line 1: not JSON"):
+    with pytest.raises(DemoError, match=r"episodes\.jsonl, line 1: not JSON"):
         lerobot.films(found, CAMERA)
 
 
