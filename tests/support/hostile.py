@@ -28,9 +28,12 @@ BOXES = f"{COLUMNS}\n0,goal,0,0,8,8\n0,green star,4,4,12,12\n"
 
 
 def contents(folder):
-    """Every path below a folder, with the digest of a file and the target of a link."""
+    """Every path below a folder, with the digest of a file and the target of a link; what Python
+    keeps of an imported module does not count."""
     found = {}
     for path in sorted(folder.rglob("*")):
+        if "__pycache__" in path.parts:
+            continue
         name = os.fsencode(path.relative_to(folder))
         if path.is_symlink():
             found[name] = os.readlink(path)
