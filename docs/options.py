@@ -67,7 +67,7 @@ def _row(section: str, field: dataclasses.Field, text: str) -> str:
 
 
 def _values(field: dataclasses.Field) -> str:
-    """What the option may be, in words."""
+    """The values that the option may have, in words."""
     kind = field.type
     if typing.get_origin(kind) is typing.Annotated:
         kind = typing.get_args(kind)[0]

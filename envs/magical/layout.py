@@ -28,7 +28,7 @@ _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.1
 
 
 class Places(NamedTuple):
-    """Where everything stands at the start of an episode."""
+    """The places of everything at the start of an episode."""
 
     robot: Float[Array, "3"]
     blocks: Float[Array, "B 3"]

@@ -30,7 +30,7 @@ EYE_FILL, PUPIL_FILL = (255, 255, 255), (26, 26, 26)
 
 
 class Look(NamedTuple):
-    """How floor and regions are painted; lengths in pixels of a 384-pixel picture."""
+    """The look of floor and regions; lengths in pixels of a 384-pixel picture."""
 
     floor_width: int
     goal_width: int

@@ -1,4 +1,4 @@
-"""What the registry needs of a table task: its constructor, and its scripted expert, recorded.
+"""The registry's entry of a table task: its constructor, and its scripted expert, recorded.
 
 Each control step is a frame. A detector reads which thing each pixel shows, so that it sees no more
 than a camera: a thing that is partly hidden has a smaller box, one that is wholly hidden keeps its

@@ -129,7 +129,7 @@ _DOWNWARDS = 0.25  # m/s at most, on the way down to something
 
 
 class Pace(NamedTuple):
-    """How a person carries things."""
+    """The way in which a person carries things."""
 
     speed: float
     arc: float  # height of the tool centre point while something is carried

@@ -1,4 +1,4 @@
-"""What the front door's functions begin with: demonstrations, and tasks by name or as objects."""
+"""Inputs of the front door's functions: demonstrations, and tasks by name or as objects."""
 
 import contextlib
 import dataclasses

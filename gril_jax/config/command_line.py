@@ -147,7 +147,7 @@ def _name(argument: Any) -> str:
 
 
 def _form(argument: Any) -> str:
-    """What a value must be, in words."""
+    """The form that a value must have, in words."""
     form = str(argument.lowered.metavar)
     for written, words in _FORMS.items():
         form = form.replace(written, words)

@@ -78,7 +78,7 @@ def sections(name: str | None) -> Sections:
 
 
 def _read(file: Traversable, above: tuple[str, ...]) -> Sections:
-    """What a file says, above its base; `above` are the files that it is a base of."""
+    """The sections of a file, above its base; `above` are the files that it is a base of."""
     try:
         tree = _tree(file)
         base = tree.pop("base", None)

@@ -17,7 +17,7 @@ _WIDTHS = rule(lambda x: all(w >= 1 for w in x), "a list of widths of at least 1
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """What every algorithm has."""
+    """The options of every algorithm."""
 
     num_timesteps: int = field(default=1_000_000, metadata=at_least(1))
     """Environment steps in all."""

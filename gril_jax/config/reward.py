@@ -29,7 +29,7 @@ class LossConfig:
     perturbation_weight: float = field(default=10.0, metadata=at_least(0))
     """Weight of the loss on perturbed frames, in which objects are displaced."""
     goal_model: Literal["places", "inside", "arrangement"] = "places"
-    """What counts as done in perturbed frames: each class where the last frames show it (places),
+    """Goal of perturbed frames: each class where the last frames show it (places),
     anywhere inside another box (inside), or what all last frames have in common (arrangement)."""
     goals: int = field(default=1, metadata=between(1, 1000))
     """Goals of the reward: 1 is the mean latent of the last frames; more are the latents of as many

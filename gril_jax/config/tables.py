@@ -1,4 +1,4 @@
-"""What a value may be: rules for the fields of configurations and of verbs, and tables of choices.
+"""Rules for the fields of configurations and of verbs, and tables of choices by name.
 
 Entries of the tables name code by its path, since a command line is read before JAX is loaded.
 """

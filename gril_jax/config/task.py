@@ -48,7 +48,7 @@ class EnvConfig:
     )
     """Blocks that belong outside the region."""
     variant: Variant = "demo"
-    """What is random in the initial state: nothing (demo), places by a little (jitter) or anywhere
+    """Randomness of the initial state: nothing (demo), places by a little (jitter) or anywhere
     (layout), colours, shapes, these three and the number of blocks (countplus), forces
     (dynamics), or all of it."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))

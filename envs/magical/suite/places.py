@@ -32,7 +32,7 @@ _SIDE = 0.0075  # and a region's width or height
 
 
 class _Standing(NamedTuple):
-    """What stands already."""
+    """The things that stand already."""
 
     regions: Float[Array, "R 4"]
     robot: Float[Array, "V 2"]  # points around it
@@ -191,7 +191,7 @@ def _gaps(poses: Float[Array, "C 3"], shape: Int[Array, ""], standing: _Standing
 
 
 def _beyond(polygon: shapes.BlockShape, point: Vec) -> Float[Array, "..."]:
-    """How far points lie beyond the faces of polygons, or from circles; in their frames."""
+    """Distances of points beyond the faces of polygons, or from circles; in their frames."""
     faces = [polygon.directions[k].dot(point) for k in range(5)]
     beyond = functools.reduce(jnp.maximum, faces) - polygon.rim_start.x
     circle = polygon.rim_start.x == 0

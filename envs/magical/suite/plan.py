@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 VARIANTS = ("demo", "jitter", "color", "shape", "layout", "countplus", "dynamics", "all")
 REGION_CLASSES = tuple(f"{colour} region" for colour in COLOURS)
 CLASSES = ("robot", *REGION_CLASSES, *(f"{c} {s}" for c in COLOURS for s in SHAPES))
-"""What a detector of these tasks' videos tells apart."""
+"""The kinds of objects that a detector of these tasks' videos tells apart."""
 OUTSIDE = 2.0  # arena units: x of whatever is not there
 
 Pose = tuple[float, float, float]

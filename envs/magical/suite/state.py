@@ -64,7 +64,7 @@ def order(plan: Plan, kinds: Kinds) -> Order:
 
 
 def scene(data: SuiteData, parts: int) -> Scene:
-    """What a score depends on; the first `parts` bodies are the robot's."""
+    """The quantities that a score depends on; the first `parts` bodies are the robot's."""
     return Scene(
         data.pose[0, :2], data.pose[parts : parts + len(data.shape), :2], data.shape, data.colour,
         data.regions, data.region_colour, data.progress,

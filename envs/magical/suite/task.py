@@ -1,4 +1,4 @@
-"""What MAGICAL's tasks have in common: starts, steps, observations, and a score of the last state.
+"""The base of MAGICAL's tasks: starts, steps, observations, and a score of the last state.
 
 A square arena is seen from above; a robot drives, turns and, if it has fingers, grips; control runs
 at 8 Hz. The original has no reward but the score of the last state: here every state has its score,
@@ -129,7 +129,7 @@ class SuiteTask:
         return self.score(scene)
 
     def _advanced(self, progress: Any, pose: Float[Array, "E 3"]) -> Any:
-        """What the task remembers of the episode, a control step later."""
+        """The task's memory of the episode, a control step later."""
         return progress
 
     def _names(self) -> tuple[str, ...]:
@@ -147,7 +147,7 @@ class SuiteTask:
 
     @property
     def observation_rows(self) -> tuple[tuple[int, int], ...] | None:
-        """How many rows of what length the observation ends with, by `state.rows`; None: it has no
+        """Number and length of the rows that end the observation, by `state.rows`; None: it has no
         such rows."""
         return state.rows(len(self.plan.regions), len(self._kinds.shape))
 

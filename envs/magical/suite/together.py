@@ -35,7 +35,7 @@ def right(
 
 
 class _Cluster(SuiteTask):
-    """What both have in common."""
+    """The base of both tasks."""
 
     length = 240
 

@@ -111,7 +111,7 @@ def _follow(hand: Hand, rng: np.random.Generator, kind: str) -> None:
 
 
 def _within(run: Run, fixture: int, half: tuple[float, float]) -> np.ndarray:
-    """Which blocks end within the walls of a fixture."""
+    """True for the blocks that end within the walls of a fixture."""
     x, y, z = run.fixtures[fixture, :3]
     turn = moves.yaw_of(run.fixtures[fixture, 3:])
     c, s = np.cos(turn), np.sin(turn)

@@ -94,7 +94,7 @@ class Style(NamedTuple):
 
     @property
     def pace(self) -> Pace:
-        """How things are carried."""
+        """The way in which things are carried."""
         return Pace(self.carry_speed, self.arc, self.detour)
 
 
