@@ -109,6 +109,11 @@ def test_seeds_are_split_into_even_parts_that_fit(rows, gib_each, gib, devices, 
     assert memory.split(rows, gib_each * GIB, available, devices) == at_once
 
 
+def test_several_seeds_have_to_fit_with_a_margin_and_one_seed_without():
+    assert memory.split(25, GIB, 60 * GIB, margin=3) == 13
+    assert memory.split(25, 50 * GIB, 60 * GIB, margin=3) == 1
+
+
 def test_a_seed_that_cannot_fit_is_refused_and_the_two_knobs_that_help_are_named():
     sentence = "needs about 9.0 GiB but there are 8.0 GiB: lower num_envs or unroll_length, and enc"
     with pytest.raises(ConfigError, match=sentence):

@@ -106,7 +106,7 @@ def _turn(path: pathlib.Path, frame: av.VideoFrame) -> tuple[int, int, int]:
     A matrix (a, b; c, d) shows column x and row y at column a x + c y and row b x + d y. A
     telephone writes quarter turns, and a camera that faces its user mirrors as well."""
     try:
-        matrix = next((x for x in frame.side_data if x.type is Type.DISPLAYMATRIX), None)
+        matrix = frame.side_data.get(Type.DISPLAYMATRIX)
     except ValueError:  # a kind of side data that this PyAV has no name for
         return _TURNS.get(frame.rotation, (0, 0, 0))
     if matrix is None:

@@ -71,10 +71,11 @@ def split(plan: Plan, count: int) -> list[dict[str, list[int]]]:
 
     Rows with the same reward, and the seeds of a row, are together where they can be."""
     groups: dict[Hashable, int] = {}
+    place = {}
     for name in plan.work:
         config = plan.rows[name]
-        groups.setdefault(reward_key(config) if learns(config) else name, len(groups))
-    place = {name: groups[reward_key(x) if learns(x) else name] for name, x in plan.rows.items()}
+        group = reward_key(config) if learns(config) else name
+        place[name] = groups.setdefault(group, len(groups))
 
     def steps(config: RunConfig) -> int:
         trained = getattr(config, config.run.algorithm).num_timesteps

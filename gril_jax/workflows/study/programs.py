@@ -76,7 +76,8 @@ def programs(
         config = members[0].config
         params = policy_rewards.blank(config, algorithm.episodes.env)
         needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
-        each = memory.split(len(members), needed, _available_bytes(), len(devices))
+        available, margin = _available_bytes(), memory.margin()
+        each = memory.split(len(members), needed, available, len(devices), margin)
         if config.env.engine == "warp":  # it has room for the contacts of so many environments
             each = min(each, config.env.max_envs // algorithm.num_envs)
         plan = _plan(config, algorithm)

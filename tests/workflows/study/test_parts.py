@@ -55,6 +55,11 @@ def test_rows_with_the_same_reward_stay_together_where_there_is_enough_else():
     assert {"row 1", "row 3"} in found
 
 
+def test_rows_that_are_not_to_be_made_need_no_part():
+    plan = _plan([(None, 1), (1.0, 2), (2.0, 1)])
+    assert parts.split(plan._replace(work={"row 1": [0, 1]}), 2) == [{"row 1": [0]}, {"row 1": [1]}]
+
+
 def test_options_of_jobs_are_pairs(monkeypatch):
     monkeypatch.setattr(parts.importlib.util, "find_spec", lambda name: True)
     assert callable(parts.on_a_cluster("slurm", "slurm_partition=gpu,timeout_min=60", print))
