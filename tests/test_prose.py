@@ -10,6 +10,9 @@ PAGES = sorted(
     [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md"]
     + [*(REPOSITORY / "docs").rglob("*.md"), *RESULTS.rglob("*.md")]
 )
+SETTINGS = sorted(
+    [*(REPOSITORY / "configs").glob("*.yaml"), *(REPOSITORY / "experiments").rglob("*.yaml")]
+)
 MOST_WORDS = 35
 MOST_NUMBERS = 2
 MOST_RESULTS = 14
@@ -102,6 +105,13 @@ def test_a_page_is_plain_english(path):
     length, most = len(text.splitlines()), MOST_LINES.get(name)
     if most is not None and length > most:
         said.append(f"{name}: {length} lines, {most} at most")
+    assert not said, "\n".join(said)
+
+
+@pytest.mark.parametrize("path", SETTINGS, ids=lambda path: path.stem)
+def test_comments_of_settings_use_the_words_of_the_field(path):
+    comments = re.findall(r"(?:^|\s)# ?(.*)", path.read_text())
+    said = [fault for fault in faults("\n\n".join(comments)) if "say" in fault]
     assert not said, "\n".join(said)
 
 
