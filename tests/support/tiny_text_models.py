@@ -1,6 +1,6 @@
 """Open-vocabulary detectors of `transformers`, of the real classes but tiny, saved to a folder.
 
-Their weights are random: what is tested is that they are loaded, given words and pictures, and read.
+Their weights are random: they are loaded, given words and pictures, and read.
 """
 
 import json
