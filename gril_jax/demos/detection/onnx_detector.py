@@ -26,6 +26,7 @@ from .sightings import Sighting, best_of
 _USUAL = 640  # pixels of each side, where a model takes any
 _GREY = 114  # around a picture, as these detectors have learned
 _LONGEST = 150  # letters of what OpenCV says
+_SILENT = 0  # level of its messages
 
 
 class Fitted(NamedTuple):
@@ -151,13 +152,14 @@ def _said(error: cv2.error) -> str:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """OpenCV prints what it raises, too."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    """OpenCV prints what it raises, too. Its level of messages is elsewhere before version 5."""
+    log = getattr(cv2.utils, "logging", cv2)
+    level = log.getLogLevel()
+    log.setLogLevel(_SILENT)
     try:
         yield
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        log.setLogLevel(level)
 
 
 def fit(frame: UInt8[np.ndarray, "H W 3"], size: tuple[int, int], layout: Layout) -> Fitted:

@@ -58,8 +58,13 @@ class TextDetector:
         # Pictures as lists of the library: a stack of arrays could be taken for a video.
         given = {"images": [*frames], "text": [words] * len(frames)}
         inputs = self.processor(**given, return_tensors="pt").to(self.model.device)
-        with torch.inference_mode():
-            outputs = self.model(**inputs)
+        try:
+            with torch.inference_mode():
+                outputs = self.model(**inputs)
+        except RuntimeError as error:  # such as a GPU's memory that is full
+            said = " ".join(str(error).split())[:_LONGEST]
+            name, _, _ = self.key.partition(",")
+            raise DemoError(f"{name}: failed on frames of {width} x {height} ({said}).") from error
         read = self._owl if owl else self._grounding
         found = read(outputs, inputs, (height, width))
         return [best_of(*one, self.names, width, height) for one in found]
@@ -150,8 +155,8 @@ def text_detector(names: Sequence[str], model: str | None) -> TextDetector:
     if device == "cpu" and torch.backends.mps.is_available():
         device = "mps"
     return TextDetector(
-        [*names], f"{name}, {kind}{_state(folder)}", net.to(device).eval(), processor,
-        _TOGETHER[device],
+        [*names], f"{name}, {kind}{_state(folder)}, {', '.join(names)}", net.to(device).eval(),
+        processor, _TOGETHER[device],
     )  # fmt: skip
 
 

@@ -30,6 +30,8 @@ def test_an_owl_finds_what_its_own_library_finds(tmp_path, frames):
     detector = text_detector(NAMES, str(tmp_path / "owl"))
     found = detector(frames)
     assert len(found) == 3
+    other = text_detector(["red cup", "spoon", "hand"], str(tmp_path / "owl"))
+    assert other.key != detector.key  # so that boxes that are kept are not those of other words
     words = [[f"a photo of a {name}" for name in NAMES]]
     for frame, sightings in zip(frames, found, strict=True):
         inputs = processor(images=[frame], text=words, return_tensors="pt")
