@@ -98,7 +98,8 @@ def _rows(detector: _Detector, film: Film, frames: np.ndarray, first: int) -> li
 
 
 def _boxes(detector: _Detector, film: Film, frame: int, row: object) -> list[Box]:
-    where = f"{detector.name}{detector.where}, {film.path.name}, frame {frame}"
+    part = film.path.name if film.title is None else film.title  # a file may hold many videos
+    where = f"{detector.name}{detector.where}, {part}, frame {frame}"
     if row is None:
         return []
     if is_detections(row):
