@@ -26,14 +26,16 @@ def import_videos(
     progress: bool = True,
     **options: Any,
 ) -> DemoSet:
-    """The demonstrations of a folder of videos, with the boxes beside them.
+    """The demonstrations of a folder of videos, with the boxes beside them, or those that a
+    detector finds.
 
     Args:
       folder: videos with a file of boxes each, MAGICAL's `*.pkl.gz` files, or a LeRobot dataset.
       out: a folder to write the demonstrations to; None keeps them in memory.
       progress: show a progress line on stderr.
       options: those of `gril_jax.demos.importing.import_videos`, such as `robot=["hand"]`, the
-        classes that belong to a robot or a person, `boxes`, `fps` and `half_extent`.
+        classes that belong to a robot or a person, `detect="cup, hand"`, what to find in videos
+        without boxes, `boxes`, `fps` and `half_extent`.
 
     Raises:
       DemoError: no videos, a damaged one, or boxes that are missing, malformed or do not fit.
@@ -42,15 +44,9 @@ def import_videos(
       demos = import_videos("videos", robot=["hand"])
     """
     with Progress(shown=progress) as shown:
-        phase = None
-
-        def tell(done: int, total: int) -> None:
-            nonlocal phase
-            if phase is None:
-                phase = shown.phase("reading videos", total=total, unit="steps", compiles=False)
-            phase.update(done)
-
-        return importing.import_videos(folder, out, progress=tell, **options)
+        options |= {"progress": shown.steps("reading videos", "steps"),
+                    "detecting": shown.steps("detecting", "frames")}  # fmt: skip
+        return importing.import_videos(folder, out, **options)
 
 
 def load_demos(folder: str | os.PathLike) -> DemoSet:

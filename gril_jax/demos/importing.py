@@ -17,6 +17,8 @@ from gril_jax.threads import parallel_map
 
 from . import boxed, detected
 from .demo_set import DemoSet, load_demo_set, save_demo_set
+from .detection.kept import Kept, chosen
+from .detection.wanted import Wanted, wanted
 from .folders import videos_in, visible
 from .formats import boxes_of, lerobot
 from .formats.record import Box, Film
@@ -34,6 +36,10 @@ def import_videos(
     out: str | os.PathLike | None = None,
     *,
     boxes: str | Detect | Detector = "auto",
+    detect: str | None = None,
+    detect_model: str | None = None,
+    detect_score: float | None = None,
+    names: str | os.PathLike | None = None,
     robot: str | Sequence[str] = (),
     half_extent: float | None = None,
     classes: Sequence[str] | None = None,
@@ -45,6 +51,7 @@ def import_videos(
     camera: str | None = None,
     source: str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    detecting: Callable[[int, int], None] | None = None,
 ) -> DemoSet:
     """Demonstrations of a folder, sorted by name.
 
@@ -54,6 +61,13 @@ def import_videos(
       boxes: "auto" reads the boxes beside each video, in any known format. "colour" finds the
         objects of MAGICAL's palette. A function, or its name `module:function`, is a detector:
         `Detect`. A `Detector` gives `Tracks` itself.
+      detect: classes to find in the videos, with commas between them, such as "2 cups, hand": of
+        each one object a frame, or as many as the number says. Or an ONNX file of YOLOX, RF-DETR
+        or YOLO. Boxes are kept in the folder `detected` beside the videos.
+      detect_model: what finds them: a model of Hugging Face or its folder, or an ONNX file; None
+        takes OWLv2.
+      detect_score: of a box, at least; None takes 0.1 for OWL-ViT and OWLv2, and 0.3 for others.
+      names: a text with the names of an ONNX file's classes, one a line.
       robot: classes that are parts of a robot, or of a person; what they do is no progress.
       half_extent: half the width of what a frame shows, in a unit of one's own; None measures in
         widths of the picture.
@@ -68,6 +82,7 @@ def import_videos(
       source: where the videos came from, in words; None names the folder.
       progress: called with the numbers of steps done and of all steps; each video is a step, and
         one more where the set is written.
+      detecting: called with the numbers of frames in which boxes were sought, and of all frames.
 
     Raises:
       DemoError: no videos, a damaged one, or boxes that are missing, malformed or do not fit.
@@ -76,13 +91,16 @@ def import_videos(
       >>> demos = import_videos("videos", boxes="auto", robot=["hand"])  # doctest: +SKIP
     """
     _require(half_extent=half_extent, fps=fps, jitter=jitter, smoothing=smoothing)
+    _require_one_source(boxes, detect, detect_model=detect_model, names=names,
+                        detect_score=detect_score)  # fmt: skip
     folder, robot = pathlib.Path(folder), [robot] if isinstance(robot, str) else robot
     steps = _Steps(progress, 1 if out is None else 2)
     options = {"half_extent": half_extent, "outcome": outcome, "source": source}
     given = (robot, classes, fps, jitter, smoothing, camera)
     wrong = [name for name, value in zip(_BOXED, given, strict=True) if value]
     if visible(folder, "*.pkl.gz"):
-        _require_recorded(folder, fps, [name for name in wrong if name != "fps"])
+        wrong = [name for name in wrong if name != "fps"] + ["detect"] * (detect is not None)
+        _require_recorded(folder, fps, wrong)
         found = detected.of_magical(folder, task, steps)
     elif boxes == "colour" or isinstance(boxes, Detector):
         if wrong:
@@ -92,12 +110,20 @@ def import_videos(
             folder, videos_in(folder, out), detector, task=task, progress=steps, **options
         )
     else:
+        asked = None
+        if detect is not None:  # first, since most that can be wrong is wrong here
+            asked = wanted(detect, model=detect_model, names=names, score=detect_score,
+                           robot=robot, classes=classes)  # fmt: skip
         films, own = _films(folder, out, camera)
+        note, read = "", _reader(boxes) or own
+        if asked is not None:
+            note, read = _detected(folder, films, asked, detecting)
         found = boxed.of_films(
-            folder, films, _reader(boxes) or own, robots=robot, classes=classes, fps=fps,
+            folder, films, read, robots=robot, classes=classes, fps=fps,
             task=NO_TASK if task is None else task, jitter=jitter, smoothing=smoothing,
             progress=steps, **options,
         )  # fmt: skip
+        found = replace(found, notes=note + found.notes)
     if out is None:
         return found
     # What a camera videos takes long to encode, and is looked at by people only.
@@ -120,6 +146,15 @@ def _require(**given: int | float | None) -> None:
         holds, words = _BOUNDS[name]
         if value is not None and not holds(value):
             raise DemoError(f"{name} is {value}, but must be {words}.")
+
+
+def _require_one_source(boxes: object, detect: str | None, **more: object) -> None:
+    """Raises DemoError for two sources of boxes, or options of a detector where there is none."""
+    if detect is not None and boxes != "auto":
+        raise DemoError("boxes and detect are two sources of boxes; give one of them.")
+    for name, value in more.items():
+        if value is not None and detect is None:
+            raise DemoError(f"{name} is given, but not detect, which says what to find.")
 
 
 def _require_recorded(folder: pathlib.Path, fps: float | None, others: Sequence[str]) -> None:
@@ -160,6 +195,19 @@ def _films(
     if camera is not None:
         raise DemoError(f"camera is {camera!r}, but {folder} is no LeRobot dataset.")
     return list(parallel_map(look, videos_in(folder, out))), boxes_of
+
+
+def _detected(
+    folder: pathlib.Path,
+    films: Sequence[Film],
+    asked: Wanted,
+    detecting: Callable[[int, int], None] | None,
+) -> tuple[str, Callable[[Film], list[Box]]]:
+    """A sentence on the boxes that a detector finds, and what gives those of a video."""
+    found = Kept(folder, asked)(films, detecting or (lambda done, total: None))
+    counted, rare = chosen(found, films, asked)
+    words = f"{asked.words}; left out as rare: {', '.join(rare)}" if rare else asked.words
+    return f"{words}\n", lambda film: counted[film.name]
 
 
 def _reader(boxes: str | Detect) -> Callable[[Film], list[Box]] | None:

@@ -4,27 +4,29 @@
         return [[("cup", 317, 295, 371, 349, 0.93), ...], ...]   # of each frame
 
 A box is a class, x_min, y_min, x_max, y_max in pixels, and if it likes a confidence. None in place
-of a frame's boxes is no box, as detectors of hands answer where there is none.
+of a frame's boxes is no box, as detectors of hands answer where there is none. A frame's boxes may
+also be `Detections` of the package `supervision`, whose tracker's identities then count.
 """
 
 import importlib
 import itertools
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gril_jax.errors import DemoError
 
+from .detection.detections import boxes_of_detections, is_detections
 from .formats.record import Box, Film, box, checked
 from .vision.timed import frames_of
 
-Detect = Callable[[np.ndarray], Iterable[Sequence[tuple] | None]]
+Detect = Callable[[np.ndarray], Iterable[Any]]
 """(frames) -> for each frame its boxes: class, x_min, y_min, x_max, y_max, and at most a
-confidence, in pixels. None is no box."""
+confidence, in pixels; or `supervision.Detections`. None is no box."""
 
 _TOGETHER = 32  # frames that a detector is given at once
 # Whatever code of theirs may raise; a detector must not end the import as if it were done.
@@ -69,9 +71,10 @@ def _rows(detector: _Detector, film: Film, frames: np.ndarray, first: int) -> li
     begun = False
     try:
         answer = detector.call(frames)
-        if answer is None or isinstance(answer, str | dict):
+        if answer is None or isinstance(answer, str | dict) or is_detections(answer):
+            given = " ".join(repr(answer).split())
             raise DemoError(
-                f"{detector.name}{detector.where}: gave {answer!r:.60} for frames {first} to "
+                f"{detector.name}{detector.where}: gave {given:.60} for frames {first} to "
                 f"{last} of {film.path.name}; it must give a list with the boxes of each frame."
             )
         begun = not isinstance(answer, list | tuple | np.ndarray)
@@ -95,9 +98,12 @@ def _rows(detector: _Detector, film: Film, frames: np.ndarray, first: int) -> li
 
 
 def _boxes(detector: _Detector, film: Film, frame: int, row: object) -> list[Box]:
-    where = f"{detector.name}{detector.where}, {film.path.name}, frame {frame}"
+    part = film.path.name if film.title is None else film.title  # a file may hold many videos
+    where = f"{detector.name}{detector.where}, {part}, frame {frame}"
     if row is None:
         return []
+    if is_detections(row):
+        return boxes_of_detections(row, film, frame, where)
     try:
         given = [*row]
     except TypeError:

@@ -61,6 +61,19 @@ class Progress:
         self._print()
         return self._phase
 
+    def steps(self, name: str, unit: str) -> Callable[[int, int], None]:
+        """Shows a phase of which the steps are told later: (those done, all); from the first call
+        on, so that it may never come."""
+        own: list[Phase] = []
+
+        def tell(done: int, total: int) -> None:
+            if not own:
+                own.append(self.phase(name, total=total, unit=unit, compiles=False))
+            own[0].total = total
+            own[0].update(done)
+
+        return tell
+
     def end_phase(self) -> None:
         """Leaves the phase's last line on the screen."""
         if self._phase is None:

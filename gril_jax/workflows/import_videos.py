@@ -47,13 +47,9 @@ def main(
         options["classes"] = env.classes
         robot = robot or vocabulary.of_task(env, task).robots
     with Progress() as progress:
-        phase = progress.phase("reading", total=0, unit="videos", compiles=False)
-
-        def tell(done: int, total: int) -> None:
-            phase.total = total
-            phase.update(done)
-
-        options |= {"task": task, "robot": robot, "boxes": boxes, "progress": tell}
+        options |= {"task": task, "robot": robot, "boxes": boxes}
+        options |= {"progress": progress.steps("reading", "videos"),
+                    "detecting": progress.steps("detecting", "frames")}  # fmt: skip
         try:
             made = import_videos(source, out, **options)
         except DemoError as error:

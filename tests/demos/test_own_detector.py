@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from support.odd_videos import encoded
 
+from gril_jax.demos.formats.fit import require_told_apart
 from gril_jax.demos.own_detector import detecting
-from gril_jax.demos.vision.timed import look
+from gril_jax.demos.vision.timed import look, part
 from gril_jax.errors import DemoError
 
 THEIRS = """
@@ -79,3 +80,14 @@ def test_what_a_detector_does_wrong_is_one_sentence(film, name):
 def test_boxes_of_a_frame_may_come_one_by_one(film):
     one = ("cup", np.float32(9), 9, 40, 40)
     assert len(detecting(lambda frames: ((box for box in [one]) for _ in frames))(film)) == 6
+
+
+def test_two_videos_in_one_file_are_told_apart(film):
+    """As episodes of a LeRobot dataset are."""
+    half = film.times[3]
+    films = [part(film, 0.0, half, "one"), part(film, half, 99.0, "two")]
+    boxes = [
+        detecting(lambda frames: [[("cup", 9, 9, 40, 40)]] * len(frames))(each) for each in films
+    ]
+    require_told_apart(films, boxes)
+    assert all(boxes)

@@ -71,6 +71,15 @@ class _Import:
     """auto reads the boxes beside each video, in any of the formats that are known; colour finds
     the objects of MAGICAL's palette; module:function is a detector of yours, from frames to
     boxes."""
+    detect: str | None = None
+    """What to find in videos without boxes: classes with commas between them, such as "2 cups,
+    hand", or an ONNX file of YOLOX, RF-DETR or YOLO."""
+    detect_model: str | None = None
+    """What finds it: a model of Hugging Face or its folder, or an ONNX file; None is OWLv2."""
+    detect_score: float | None = field(default=None, metadata=optional(between(0.01, 0.99)))
+    """Score of a box, at least; None is 0.1 for OWL-ViT and OWLv2, 0.3 for others."""
+    names: str | None = None
+    """Text with the names of an ONNX file's classes, one a line; None takes those in the file."""
     half_extent: float | None = field(default=None, metadata=optional(above(0)))
     """Half the width of the world that a frame shows, in a unit of yours; None measures in widths
     of the picture."""

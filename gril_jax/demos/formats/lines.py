@@ -42,6 +42,11 @@ def read_csv(path: Path, film: Film) -> list[Box]:
     class in a frame are several objects; without the column `track` they are told apart by where
     they are. The names that the sink of `supervision` gives its columns are known, too.
     """
+    return checked(require_all_seen(path, film, csv_boxes(path, film)), path, film)
+
+
+def csv_boxes(path: Path, film: Film) -> list[Box]:
+    """The boxes of our own CSV as they stand there, which may be none."""
     rows = csv.reader(read_text(path).splitlines())
     try:
         header = _columns([cell.strip() for cell in next(rows, [])])
@@ -52,12 +57,11 @@ def read_csv(path: Path, film: Film) -> list[Box]:
             )
         if twice := [column for column in header if header.count(column) > 1]:
             raise DemoError(f"{path}, line 1: the column {twice[0]!r:.60} is there twice.")
-        found = [
+        return [
             _csv_box(path, film, header, row, rows.line_num)
             for row in rows
             if row and _columns([cell.strip() for cell in row]) != header  # appended to itself
         ]
-        return checked(require_all_seen(path, film, found), path, film)
     except csv.Error as error:
         raise DemoError(f"{path}, line {rows.line_num}: not CSV text ({error}).") from None
 
@@ -136,11 +140,12 @@ def names_beside(path: Path, film: Path) -> tuple[Path | None, list[str]]:
     places = [film.with_suffix(".names"), *(folder / name for folder in folders for name in FILES)]
     for place in places:
         if (place := there(place)).is_file() and place != path:
-            return place, _names(place)
+            return place, names_in(place)
     return None, []
 
 
-def _names(file: Path) -> list[str]:
+def names_in(file: Path) -> list[str]:
+    """The names of a file, one a line; a DemoError if one comes twice."""
     found: dict[str, int] = {}
     for at, line in enumerate(read_text(file).splitlines(), 1):
         if not line.strip():

@@ -51,12 +51,16 @@ def objects_at_once(boxes: Sequence[Box]) -> dict[str, int]:
 def linked(boxes: Sequence[Box], frames: int, count: int, *, sparse: bool = False) -> Linked:
     """The boxes of one class as `count` objects, in order of their first sighting.
 
+    A box goes to the object that was last seen near it and in its shape: a spoon that is brought
+    over a cup stays a spoon, whatever both are called.
+
     `sparse` boxes are so far apart in time that an object may be anywhere in the next one. Then an
     equal identity outweighs any distance, and what is far away is no other object.
     """
     far, alike = (np.inf, _ANY) if sparse else (_FAR, _SAME)
     edges = np.full((frames, count, 4), np.nan)
     place, known = np.zeros((count, 2)), 0  # of the objects found so far
+    sides = np.ones((count, 2))
     identity: list[str | None] = [None] * count
     renewed = extra = 0
     frames_of: dict[int, list[Box]] = {}
@@ -65,11 +69,13 @@ def linked(boxes: Sequence[Box], frames: int, count: int, *, sparse: bool = Fals
     for frame, now in sorted(frames_of.items()):
         corners = np.array([one.edges for one in now])
         center = (corners[:, :2] + corners[:, 2:]) / 2
-        diagonal = np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=1)
+        size = corners[:, 2:] - corners[:, :2]
+        diagonal = np.linalg.norm(size, axis=1)
         same = np.array([[one.track is not None and one.track == identity[k] for k in range(known)]
                          for one in now], bool).reshape(len(now), known)  # fmt: skip
         apart = np.linalg.norm(center[:, None] - place[None, :known], axis=-1) / diagonal[:, None]
-        cost = apart - alike * same
+        grown = np.abs(np.log(size[:, None] / sides[None, :known])).sum(axis=-1)
+        cost = apart + grown - alike * same
         rows, columns = linear_sum_assignment(cost) if known else (np.array([], int),) * 2
         free = {*range(len(now))}
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
@@ -77,13 +83,15 @@ def linked(boxes: Sequence[Box], frames: int, count: int, *, sparse: bool = Fals
                 continue  # an object that has not been seen before
             free.discard(row)
             renewed += now[row].track is not None and identity[column] not in (None, now[row].track)
-            edges[frame, column], place[column] = corners[row], center[row]
+            edges[frame, column] = corners[row]
+            place[column], sides[column] = center[row], size[row]
             identity[column] = now[row].track or identity[column]
         for row in sorted(free, key=lambda row: -now[row].confidence):
             if known == count:
                 extra += 1
                 continue
-            edges[frame, known], place[known] = corners[row], center[row]
+            edges[frame, known] = corners[row]
+            place[known], sides[known] = center[row], size[row]
             identity[known] = now[row].track
             known += 1
     return Linked(edges, renewed, extra)

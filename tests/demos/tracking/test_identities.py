@@ -35,6 +35,21 @@ def test_objects_of_a_class_keep_their_identity_where_they_pass_each_other(gaps)
     assert (found.renewed, found.extra) == (0, 0)
 
 
+@pytest.mark.parametrize("off", [0.0, 2.0])
+def test_a_small_thing_that_is_brought_over_a_large_one_stays_itself(off):
+    """Both of one class, and with their middles in one place at last, as a spoon in a cup."""
+    rng = np.random.default_rng(0)
+    boxes = []
+    for t in range(FRAMES):
+        x, y = rng.normal(0, off, 2) + [max(300 - 10.0 * t, 0), 0]
+        pair = [at(t, -20.0, -20.0, side=60.0), at(t, x, y)]
+        boxes += pair if rng.random() < 0.5 else pair[::-1]
+    edges = linked(boxes, FRAMES, 2).edges
+    wide = edges[..., 2] - edges[..., 0]
+    np.testing.assert_allclose(wide.max(axis=0), wide.min(axis=0))
+    np.testing.assert_allclose(sorted(wide[0]), [20.0, 60.0])
+
+
 def test_a_tracker_s_identity_decides_between_two_that_are_equally_near():
     boxes = [at(0, 0.0, track="1"), at(0, 40.0, track="2")]
     boxes += [at(1, 20.0, y=1.0, track="2"), at(1, 20.0, y=-1.0, track="1")]
