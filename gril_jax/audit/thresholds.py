@@ -65,7 +65,7 @@ VIDEOS: Table = {
         "best misplaced",
     ),
     "missing_share": Threshold(
-        "at most", 0.3, "share of frames", "frames that lack the box of the rarest object",
+        "at most", 0.3, "share of frames", "frames without a box of the object seen least",
         "missing boxes",
     ),
     "tau": Threshold(
