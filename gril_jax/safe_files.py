@@ -5,6 +5,7 @@ and one process at a time writes to a folder.
 import contextlib
 import errno
 import fcntl
+import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -40,6 +41,12 @@ def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> N
     os.replace(part, file)
     if durable:
         sync(file.parent)
+
+
+def digest(file: Path) -> str:
+    """The SHA-256 of a file's contents, in hexadecimal."""
+    with open(file, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def require_regular(file: Path) -> None:

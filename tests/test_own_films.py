@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support import kitchen_films
 
+from gril_jax.audit.thresholds import VIDEOS
 from gril_jax.cli import main
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.export.reward_file import load_reward
@@ -78,9 +79,66 @@ def test_an_audit_of_films_says_what_it_leaves_out(home, capsys):
     assert gril("audit", home / "run", "--ascents", "20") == 0
     said = capsys.readouterr().out
     assert "left out, because videos do not define success" in said
+    assert "s the audit of the videos alone: " in said
+    assert "No state was searched" in said
     found = json.loads((home / "run" / "audit" / "audit.json").read_text())
+    assert found["audit"] == "audit of the videos alone: no state was searched"
     assert found["scenes"] >= 1
     assert 0 <= found["misranked_share"] <= 1
+    for name, one in found["thresholds"].items():
+        assert one["direction"] in ("at most", "at least")
+        assert found["passes"][name] == VIDEOS[name].holds(found[name])
+    assert gril("report", home / "run") == 0
+    page = (home / "run" / "report.html").read_text()
+    assert "s the audit of the videos alone" in page
+    assert "The audit of the reward" in page
+    assert "at most 0.02" in page
+
+
+def test_a_file_of_a_reward_is_audited_with_its_videos(home, tmp_path, capsys):
+    reward = tmp_path / "kitchen.npz"
+    assert gril("export", home / "run", "--out", reward) == 0
+    assert gril("audit", reward) == 2
+    assert "or with --demos the videos" in capsys.readouterr().err
+    assert gril("audit", home / "run", "--ascents", "20", "--out", tmp_path / "of_run") == 0
+    assert gril("audit", reward, "--demos", home / "mine", "--ascents", "20") == 0
+    of_run, of_file = (
+        json.loads((tmp_path / name / "audit.json").read_text())
+        for name in ("of_run", "kitchen-audit")
+    )
+    figures = [of_run.pop(name) for name in VIDEOS]
+    assert figures == [of_file.pop(name) for name in VIDEOS]
+
+
+def test_a_run_is_found_wherever_it_and_its_videos_are(home, tmp_path, monkeypatch, capsys):
+    """Both together, from another directory; the run alone; and videos that only the user finds."""
+    together = tmp_path / "together"
+    together.mkdir()
+    for name in ("mine", "run"):
+        shutil.copytree(home / name, together / name)
+    monkeypatch.chdir(tmp_path)
+    other = shutil.copytree(home / "mine", tmp_path / "else" / "mine")
+    header = json.loads((other / "demos.json").read_text())
+    (other / "demos.json").write_text(json.dumps(header | {"source": "another"}))
+    look = ("--ascents", "5")
+    kept = home.rename(home.with_name("gone"))
+    try:
+        assert gril("audit", "together/run", *look) == 0
+        assert gril("report", "together/run") == 0
+        assert "shown" not in capsys.readouterr().err
+        alone = shutil.move(together / "run", tmp_path / "else" / "run")  # beside another set
+        assert gril("audit", alone, *look) != 0
+        (said,) = capsys.readouterr().err.splitlines()
+        assert "is gone, but the audit makes its scenes" in said
+        assert "say where with --demos" in said
+        assert gril("audit", alone, *look, "--demos", other) != 0
+        assert "has been changed since the run" in capsys.readouterr().err
+        assert gril("audit", alone, *look, "--demos", together / "mine") == 0
+        assert gril("export", alone, "--out", tmp_path / "kitchen.npz") == 0
+    finally:
+        kept.rename(home)
+    moved = shutil.move(alone, tmp_path / "far" / "run")
+    assert gril("audit", moved, *look) == 0  # its videos are where they were
 
 
 def test_a_policy_and_another_task_are_refused_in_a_sentence(home, capsys):

@@ -16,6 +16,7 @@ from gril_jax.config import DemosConfig, EnvConfig, PPOConfig, RunConfig, RunSet
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 from gril_jax.runs.reading import read_phases, write_phases
+from gril_jax.safe_files import digest
 
 
 @pytest.fixture
@@ -58,6 +59,27 @@ def test_a_run_goes_on_with_its_own_configuration(main, run, verb):
 def test_options_that_say_what_the_run_says_are_welcome(main, run):
     assert cli.main(["train", f"--resume={run}", "--seed", "7", "--ppo.num-envs=32"]) == 0
     assert main[0][1]["resume"] == run
+
+
+def test_a_set_that_was_moved_is_found_or_told(main, tmp_path, monkeypatch, capsys):
+    sets = [tmp_path / name for name in ("mine", "hidden", "other")]
+    for folder, text in zip(sets, ("a set", "a set", "another"), strict=True):
+        folder.mkdir()
+        (folder / "demos.json").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    config = RunConfig(demos=DemosConfig(path="mine"))
+    with run_dir.create(tmp_path / "run", config, device="cpu", experiment="train") as made:
+        made.finish_phase("demos", {"sha256": digest(sets[0] / "demos.json")})
+    monkeypatch.chdir("/")
+    assert cli.main(["train", "--resume", str(tmp_path / "run")]) == 0
+    assert main[-1][0][0].demos.path == str(sets[0])
+    (sets[0] / "demos.json").unlink()
+    said = _fault(capsys, "train", "--resume", tmp_path / "run")
+    assert "is gone, but the run learns from it: if it lies elsewhere now, say where" in said
+    moved = ("--demos", str(sets[1]))
+    assert cli.main(["train", "--resume", str(tmp_path / "run"), *moved]) == 0
+    assert main[-1][0][0].demos.path == str(sets[1])
+    assert (tmp_path / "run" / "config.yaml").read_text().count("mine") == 1
 
 
 def test_options_that_say_something_else_are_listed(run, capsys):
@@ -195,7 +217,7 @@ def test_a_resumed_configuration_needs_what_a_new_one_needs(tmp_path, capsys):
     path, demos = tmp_path / "run", tmp_path / "demos"
     config = RunConfig(demos=DemosConfig(path=str(demos)))
     run_dir.create(path, config, device="cpu", experiment="train").close()
-    assert "does not exist, but must be a folder" in _fault(capsys, "train", "--resume", path)
+    assert "is gone, but the run learns from it" in _fault(capsys, "train", "--resume", path)
     said = _fault(capsys, "train", "quickstart", "--resume", path)
     assert "keeps the configuration" in said
     assert "env.targets (" in said

@@ -15,7 +15,7 @@ import importlib.util
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -78,6 +78,24 @@ def moved(of_run: str, now: str) -> None:
     """Takes a file that the user names for the one of a run, which must have the same contents."""
     was = reference(of_run)
     _moved[was.file] = name(now).file
+
+
+def look_for(of_run: str, sha256: str | None, places: Iterable[Path]) -> None:
+    """Takes the first file with a run's digest for that of the run, if this is not where it was.
+
+    It may be run if the user has named the same contents at the old place.
+    """
+    was = reference(of_run).file
+    if sha256 is None or _place(reference(of_run)).exists():
+        return
+    for place in places:
+        if place.name == was.name and place.is_file():
+            now = Path(os.path.abspath(place))
+            if hashlib.sha256(_read(now)).hexdigest() == sha256:
+                _moved[was] = now
+                if f"{sha256}  {was}\n" in _entries(_record()):
+                    _named[now] = sha256
+                return
 
 
 def require(text: str, sha256: str | None = None) -> str:

@@ -9,21 +9,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
+from gril_jax.audit.thresholds import Audited
 from gril_jax.compilation import ahead
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.grid import with_seed
+from gril_jax.config.run_config import StageOptions
+from gril_jax.config.tables import require
 from gril_jax.demos.demo_set import DemoSet
-from gril_jax.errors import ConfigError, DemoError
-from gril_jax.report.headline import faults
+from gril_jax.errors import ConfigError
 from gril_jax.reward import latent_reward
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
-from gril_jax.subtasks import agreement
 from gril_jax.workflows import audit as audits
 from gril_jax.workflows import export_reward, film_audit
 from gril_jax.workflows.build import demonstrations, learners, setup, vocabulary
 from gril_jax.workflows.learning import encoders
+from gril_jax.workflows.subtasks import report as subtask_report
+from gril_jax.workflows.subtasks.doubts import of_demonstrations
+from gril_jax.workflows.subtasks.ends import of_video, segments
 
 from . import inputs, settings
 
@@ -75,9 +79,10 @@ def learn_reward(
         programs = encoders.compiled_for(configs, learner, pool)
         state = encoders.train(
             programs, config, name="pretrain", run=run, progress=shown, echo=print, what=what,
-            row=lambda metrics: {"loss": metrics.loss.mean(axis=-1)},
+            row=lambda metrics: {"consistency": metrics.consistency.mean(axis=-1)},
         )  # fmt: skip
         trained = state, programs.data, programs.hyper
+        aligned = run.metrics()[-1]["consistency"]
         params, measured = jax.device_get(
             (programs.reward.result()(*trained), programs.measure.result()(*trained))
         )
@@ -87,7 +92,11 @@ def learn_reward(
             one,
             jax.tree.map(lambda x, i=i: jnp.asarray(x[i]), params),
             words,
-            {"kendall_tau": float(measured["tau"][i]), "num_demos": len(chosen.names["train"])},
+            {
+                "kendall_tau": float(measured["tau"][i]),
+                "consistency": aligned[i],
+                "num_demos": len(chosen.names["train"]),
+            },
         )
         for i, one in enumerate(configs)
     ]
@@ -96,20 +105,23 @@ def learn_reward(
 
 @dataclasses.dataclass(frozen=True)
 class Audit:
-    """An audit's figures by name, and whether the reward keeps all bounds.
+    """An audit's figures by name, and whether the reward keeps all thresholds.
 
-    `docs/audit.md` defines each figure. A reward from videos alone is asked less, because videos do
-    not say what success is.
+    `docs/audit.md` defines each figure. Without a task that has stages, it is an audit of the
+    videos alone.
     """
 
     figures: Mapping[str, float]
     passed: bool
+    verdict: str
+    """A sentence, with the reasons if the reward fails."""
     lines: tuple[str, ...]
-    """One sentence a figure, with its bound."""
+    """One line a figure, with its threshold."""
+    kind: str
+    """"task", or "videos" if no state was searched."""
 
     def __str__(self) -> str:
-        verdict = "the reward passes its audit" if self.passed else "the reward fails its audit"
-        return "\n".join([verdict, *self.lines])
+        return "\n".join([self.verdict, *self.lines])
 
 
 def audit_reward(
@@ -126,15 +138,17 @@ def audit_reward(
 
     Args:
       reward: of boxes.
-      task: with stages, in whose states the reward is searched, by name or from `make`.
-      demos: without a task: the demonstrations around whose ends states are made up.
+      task: by name or from `make`; its states are searched if it has stages.
+      demos: without a task, or for one without stages: the demonstrations around whose ends scenes
+        are made up.
       preset: the configuration that the reward was learned with, where `demos` are given.
       ascents: gradient searches, shared by the starts; without a task: states to make up.
       starts: first scenes to begin from.
       seed: of the search.
 
     Raises:
-      ConfigError: neither task nor demonstrations are given, or the reward does not fit them.
+      ConfigError: neither a task with stages nor demonstrations are given, or the reward does not
+        fit them.
 
     Example:
       print(audit_reward(reward, make("match_regions")))
@@ -145,20 +159,30 @@ def audit_reward(
             if isinstance(task, str)
             else inputs.env_config(task, EnvConfig())
         )
-        findings = audits.search(
-            reward, chosen, "the reward", ascents=ascents, starts=starts, seed=seed
-        )
-        numbers = {name: float(value) for name, value in findings.numbers().items()}
-        return Audit(numbers, not faults(numbers), tuple(findings.in_words()))
+        if audits.has_stages(chosen):
+            findings = audits.search(
+                reward, chosen, "the reward", ascents=ascents, starts=starts, seed=seed
+            )
+            return _audit("task", findings.numbers())
+        if demos is None:
+            raise ConfigError(
+                f"the task {chosen.shown_name} has no `stages`, so its audit is that of the videos "
+                "alone, which needs them: audit_reward(reward, demos=...)"
+            )
     if demos is None:
         raise ConfigError(
             "an audit needs a task, or the demonstrations: audit_reward(reward, demos=...)"
         )
-    config, chosen = _of_demos(reward, demos, preset)
-    found = film_audit.measured(config, reward.params, chosen, scenes=ascents, seed=seed)
-    numbers = {name: float(x) for name, x in found.items() if isinstance(x, int | float)}
-    passed = bool(numbers.pop("passes_as_far_as_asked"))
-    return Audit(numbers, passed, tuple(film_audit.in_words(found)[1:]))
+    config, shown = _of_demos(reward, demos, preset, task)
+    trained = film_audit.training_of(reward)
+    made = film_audit.measured(config, reward.params, shown, trained, scenes=ascents, seed=seed)
+    return _audit("videos", made.numbers)
+
+
+def _audit(kind: str, numbers: Mapping[str, Any]) -> Audit:
+    known = {name: float(value) for name, value in numbers.items() if value is not None}
+    found = Audited(kind, known)
+    return Audit(known, found.passes, found.sentence(), tuple(found.lines()), kind)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,13 +194,21 @@ class Subtasks:
     ends: Mapping[str, Int[np.ndarray, "stages"]]
     """The last frame of each stage, by demonstration."""
     fps: float
+    video_segments: Mapping[str, tuple[Mapping[str, Any], ...]]
+    """The stages in frames and seconds of the imported videos, by demonstration."""
+    doubts: Mapping[str, tuple[str, ...]]
+    """Reasons to doubt the stages of a demonstration, by its name; those without doubt are left
+    out."""
 
     def __len__(self) -> int:
         return len(self.levels)
 
     def __str__(self) -> str:
         said = ", ".join(f"{level:.2f}" for level in self.levels)
-        return f"{len(self)} stages in {len(self.ends)} demonstrations, at rewards of {said}"
+        one = "1 stage" if len(self) == 1 else f"{len(self)} stages"
+        lines = [f"{one} in {len(self.ends)} demonstrations, at rewards of {said}"]
+        lines += [f"doubtful: {name} {', '.join(why)}" for name, why in self.doubts.items()]
+        return "\n".join(lines)
 
 
 def find_subtasks(
@@ -213,29 +245,33 @@ def find_subtasks(
     names = [*chosen.names["train"], *chosen.names["validation"]]
     batch = learner.films(names)
     latents = jax.jit(learner.latents)(reward.params.encoder, batch, hyper)
-    traces = latent_reward(reward.params, latents)
+    traces = subtask_report.Traces(
+        chosen.demo_set.select(names), [name in chosen.names["validation"] for name in names],
+        np.asarray(latent_reward(reward.params, latents)), np.asarray(batch.length),
+    )  # fmt: skip
     rule = {"prominence": prominence, "smoothing": smoothing, "support": support}
-    if patience is None:
-        _, found = agreement.agreed_stages(traces, batch.length, **rule)
-    else:
-        found = agreement.agreed_boundaries(traces, batch.length, **rule, patience=patience)
-    found = jax.device_get(found)
-    count = int(np.sum(found.kept))
-    ends = {name: found.frames[i, :count] for i, name in enumerate(names)}
-    levels = tuple(float(x) for x in found.level[:count])
-    return Subtasks(levels, ends, demos.fps)
+    options = StageOptions(run="", patience=patience, **rule)
+    for one in dataclasses.fields(options):
+        require(one.name, getattr(options, one.name), one.metadata)
+    found, alone, rule = subtask_report.discover(traces, options)
+    stages = subtask_report.stages_of(traces, found, alone, rule, demos.fps)
+    doubts = zip(names, map(tuple, of_demonstrations(stages)), strict=True)
+    shown = zip(traces.demos, stages.ends, strict=True)
+    return Subtasks(
+        tuple(map(float, stages.level)),
+        dict(zip(names, stages.ends, strict=True)),
+        demos.fps,
+        {d.name: tuple(of_video(d, part, demos.fps) for part in segments(e)) for d, e in shown},
+        {name: why for name, why in doubts if why},
+    )
 
 
 def _of_demos(
-    reward: LearnedReward, demos: DemoSet, preset: str | None
+    reward: LearnedReward, demos: DemoSet, preset: str | None, task: Any = None
 ) -> tuple[RunConfig, demonstrations.Demonstrations]:
     """The configuration of a reward and its demonstrations."""
-    config = settings.for_demos(demos, preset, None, {}, 0)
+    config = settings.for_demos(demos, preset, task, {}, 0)
     env = setup.task_of(config.env)
     chosen = demonstrations.of_set(config, env, demos)
-    if tuple(chosen.demo_set.classes) != tuple(reward.classes):
-        raise DemoError(
-            f"the demonstrations show {', '.join(chosen.demo_set.classes)}, but the reward was "
-            f"learned for {', '.join(reward.classes)}"
-        )
+    film_audit.require_same_classes(reward, chosen.demo_set)
     return export_reward.with_choices(config, reward, "the reward"), chosen

@@ -14,7 +14,7 @@ from gril_jax.config.task import NO_TASK
 from gril_jax.demos.folders import left_by_system
 from gril_jax.envs.user_tasks import files
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.runs import reading, run_dir
+from gril_jax.runs import places, reading, run_dir
 from gril_jax.runs.reading import task_digest
 from gril_jax.safe_files import writing
 
@@ -24,12 +24,15 @@ Work = Callable[[], int | None]  # what is left to do once the command line is u
 echo = functools.partial(print, flush=True)  # at once, also into a pipe
 
 
-def run_config_of(folder: Path, part: str | None = None, *, task: str | None = None) -> RunConfig:
-    """The configuration of a run, with its `task` or a file of it that is named beside the run.
+def run_config_of(
+    folder: Path, part: str | None = None, *, task: str | None = None, demos: Path | None = None
+) -> RunConfig:
+    """The configuration of a run, with its `task` or a file of it, and the place of its `demos`,
+    that are named beside the run.
 
     Raises RunError if the run has not got to a part, "reward" or "policy". Raises ConfigError if
     its task may not be run."""
-    config = run_dir.read_config(folder)
+    config = run_dir.read_config(folder, demos=demos)
     require_task_of(config, task, folder)
     if part is not None:
         reading.require_unchanged(folder, f"{part}/")
@@ -70,6 +73,14 @@ def existing_folder(name: str) -> Path:
         fault = "is a file" if path.exists() else "does not exist"
         raise DemoError(f"{path} {fault}, but must be a folder")
     return path
+
+
+def demo_set(name: str) -> Path:
+    """The path of a demonstration set; raises DemoError where there is none."""
+    folder = existing_folder(name)
+    if not (folder / "demos.json").is_file():
+        raise DemoError(f"{folder} is not a demonstration set, because it has no demos.json")
+    return folder
 
 
 def require_new_file(path: Path) -> None:
@@ -115,6 +126,10 @@ def require_task_of(config: RunConfig, task: str | None, folder: Path) -> None:
             raise ConfigError(f"{folder} was trained for {config.env.name}, but --task is {task}")
         if own:
             _sentence(files.moved, config.env.name, task)
+    elif files.is_reference(config.env.name):
+        was = str(_sentence(files.reference, config.env.name).file)
+        noted = task_digest(folder), places.candidates(folder, was)
+        _sentence(files.look_for, config.env.name, *noted)
     require_task(config.env, folder)
 
 

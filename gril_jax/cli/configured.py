@@ -24,10 +24,10 @@ from gril_jax.config.tables import ALGORITHMS, REWARDS
 from gril_jax.config.task import NO_TASK
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError, DemoError, RunError
-from gril_jax.runs import run_dir, sinks
+from gril_jax.runs import places, reading, run_dir, sinks
 from gril_jax.safe_files import read_object
 
-from .arguments import echo, existing_folder, named_task, require_task
+from .arguments import demo_set, echo, named_task, require_task
 
 _OWN_FILMS, _OWN_TASK = "own_videos", "own_task"  # where no configuration is named
 _TOGETHER = 4  # videos of a batch, at most
@@ -167,16 +167,18 @@ def _with_reward(given: Sections) -> Sections:
     return dataclasses.replace(given, run=run)
 
 
-def require_surroundings(config: RunConfig) -> None:
-    """Raises if a run lacks what it needs beside its configuration."""
+def require_surroundings(config: RunConfig, resumed: Path | None = None) -> None:
+    """Raises if a run, new or `resumed` in its folder, lacks what it needs beside its
+    configuration."""
     sinks.require_installed(config.run.sinks)
     reward = config.run.reward_source
+    if resumed is not None and reward is not None:
+        kept = "reward" in reading.read_phases(resumed).finished
+        reward = None if kept else str(places.find(resumed, reward, Path.exists) or reward)
     if reward is not None and not Path(reward).exists():
         raise ConfigError(f"run.reward is {reward}, but there is no such file or run")
     if config.demos.path is not None:
-        folder = existing_folder(config.demos.path)
-        if not (folder / "demos.json").is_file():
-            raise DemoError(f"{folder} is not a demonstration set, because it has no demos.json")
+        demo_set(config.demos.path)
 
 
 # --- what a demonstration set decides

@@ -15,7 +15,7 @@ import numpy as np
 from gril_jax.errors import DemoError
 
 from . import import_notes
-from .demo import Demo, Tracks, trim_static_tail
+from .demo import Demo, Source, Tracks, trim_static_tail
 from .demo_set import DemoSet
 from .detected import WORLD
 from .formats.fit import once, require_told_apart, within
@@ -25,7 +25,7 @@ from .import_notes import Found
 from .tracking.annotated import annotated, mended_between, step_of
 from .tracking.identities import in_order, linked, objects_at_once
 from .tracking.mending import Mended, mended
-from .vision.timed import pictures, rate_of, required_rate, steps
+from .vision.timed import nearest, pictures, rate_of, required_rate, steps
 
 WIDTHS, _HALF = "widths of the picture", 0.5
 _FASTEST = 10.0  # frames a second: a hand's work needs no more
@@ -192,7 +192,9 @@ def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
     tracks = _tracks(plan, film, mend, extent)
     resting = max(_RESTING * extent, _DEVIATIONS * noise)
     kept = trim_static_tail(tracks, plan.classes, robots=robots, moving=resting)
-    whole = Demo(film.name, functools.partial(pictures, film, plan.fps), tracks)
+    at = nearest(film.times, steps(film.times, plan.fps))
+    source = Source(at.astype(np.int32), np.asarray(film.times, np.float64)[at])
+    whole = Demo(film.name, functools.partial(pictures, film, plan.fps), tracks, source=source)
     kept = max(kept, min(2, len(whole)))
     cut = len(whole) - kept
     shown = sighted.any(axis=0)

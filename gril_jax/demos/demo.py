@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Float64, Int32, UInt8
 
 Frames = UInt8[np.ndarray, "T H W 3"]
 
@@ -31,6 +31,17 @@ class Tracks(NamedTuple):
         return Tracks(center, size, self.label[objects], seen)
 
 
+class Source(NamedTuple):
+    """The frames of the video that was imported, of which a resampled one shows some."""
+
+    frame: Int32[np.ndarray, "T"]  # counted from 0
+    time: Float64[np.ndarray, "T"]  # seconds from its first frame
+
+    def during(self, frames: slice) -> "Source":
+        """The same in some of the frames."""
+        return Source(self.frame[frames], self.time[frames])
+
+
 @dataclass(frozen=True, eq=False)
 class Demo:
     """One demonstration; `len` is its number of frames.
@@ -45,6 +56,7 @@ class Demo:
     outcome: str = "unknown"  # or "success", "failure"
     # Frame at which each stage of the task was first finished, -1 never; None: not known.
     stages: Mapping[str, int] | None = None
+    source: Source | None = None  # None: the frames are those of the original
 
     def __len__(self) -> int:
         return len(self.tracks.center)
@@ -58,14 +70,16 @@ class Demo:
     def during(self, span: slice) -> "Demo":
         """The same demonstration in some of its frames; stages keep the frames of the whole."""
         tracks = self.tracks.during(span)
-        return replace(self, video=lambda: self.frames[span], tracks=tracks)
+        source = None if self.source is None else self.source.during(span)
+        return replace(self, video=lambda: self.frames[span], tracks=tracks, source=source)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Demo):
             return NotImplemented
         fields = ("name", "trimmed", "outcome", "stages")
+        mine, theirs = ([*one.tracks, *(one.source or (np.zeros(0),) * 2)] for one in (self, other))
         return all(getattr(self, name) == getattr(other, name) for name in fields) and all(
-            np.array_equal(one, two) for one, two in zip(self.tracks, other.tracks, strict=True)
+            np.array_equal(one, two) for one, two in zip(mine, theirs, strict=True)
         )
 
     __hash__ = None  # it holds arrays

@@ -3,7 +3,8 @@
     demos.json   task, class names, half_extent, fps, source, robots, unit, noise and smoothing
                  (`DemoSet`), an entry for each demonstration
     000.mp4      its frames, as far as something still happens
-    000.npz      its boxes: center (T, N, 2), size (T, N, 2), label (N,), seen (T, N)
+    000.npz      its boxes: center (T, N, 2), size (T, N, 2), label (N,), seen (T, N); of an
+                 imported video also the frames that it shows of it: source_frame, source_time (T,)
     import.txt   what an import found and repaired, if the set was imported
 
 T is frames, N objects. A folder appears whole or not at all, and is checked against its digests

@@ -20,7 +20,7 @@ import numpy as np
 
 from gril_jax.errors import DemoError
 
-from .demo import Demo, Frames, Tracks
+from .demo import Demo, Frames, Source, Tracks
 from .folders import left_by_system
 from .schema import (
     ABOUT,
@@ -36,6 +36,7 @@ from .schema import (
 from .vision.video import read_video, write_video
 
 NOTES = "import.txt"
+_SOURCE = ("source_frame", "source_time")  # of the imported video, if it was resampled
 _USUAL = {"robots": None, "unit": None, "noise": None, "smoothing": 1}
 _OURS = re.compile(r"demos\.json|\d{3,}\.(mp4|npz)|import\.(txt|png)")  # names of a set's files
 _MAX_BYTES = 1 << 30  # of the arrays, unpacked: a demonstration's have a few megabytes
@@ -139,7 +140,8 @@ def _write(
     check_tracks(demo.tracks, len(frames), len(demo.tracks.label), classes, where)
     video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
     write_video(part / video, frames, fps, preset=preset)
-    np.savez_compressed(part / tracks, **demo.tracks._asdict())
+    source = {} if demo.source is None else dict(zip(_SOURCE, demo.source, strict=True))
+    np.savez_compressed(part / tracks, **demo.tracks._asdict(), **source)
     return {
         "name": demo.name,
         "video": video,
@@ -177,18 +179,36 @@ def read_demo(folder: pathlib.Path, entry: dict[str, Any], classes: list[str]) -
             )
     path = folder / entry["tracks"]
     try:
-        arrays = read_plain(path, Tracks._fields)
+        arrays = read_plain(path, (*Tracks._fields, *_SOURCE))
     except NotPlainError as error:
         raise DemoError(f"{path}: {error}.") from error
     if missing := set(DTYPES) - set(arrays):
         raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
+    source = [arrays.pop(name, None) for name in _SOURCE]
     tracks = Tracks(**arrays)
     check_tracks(tracks, entry["frames"], len(entry["objects"]), classes, str(path))
     if [classes[label] for label in tracks.label] != entry["objects"]:
         raise DemoError(f"{path}: label does not agree with the objects that {HEADER} lists.")
     video = functools.partial(_video, folder / entry["video"], entry["frames"])
     about = {name: entry.get(name) for name in ("trimmed", "outcome", "stages")}
-    return Demo(entry["name"], video, tracks, **about)
+    return Demo(
+        entry["name"], video, tracks, **about, source=_source(source, len(tracks.seen), path)
+    )
+
+
+def _source(arrays: Sequence[Any], frames: int, path: pathlib.Path) -> Source | None:
+    """The frames of the imported video; None if the set does not say, a DemoError if they cannot
+    be."""
+    if all(array is None for array in arrays):
+        return None
+    frame, time = (np.zeros(0) if array is None else array for array in arrays)
+    fits = frame.dtype == np.int32 and time.dtype == np.float64
+    fits = fits and frame.shape == time.shape == (frames,) and np.isfinite(time).all()
+    if not fits or (frame < 0).any() or (np.diff(frame) < 0).any() or (np.diff(time) < 0).any():
+        raise DemoError(
+            f"{path}: {' and '.join(_SOURCE)} must each be {frames} numbers that never decrease."
+        )
+    return Source(frame, time)
 
 
 def _video(path: pathlib.Path, count: int) -> Frames:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,10 +11,11 @@ import numpy as np
 from gril_jax.audit.measures import Audit, States, clear_successes
 from gril_jax.audit.scene_reward import Scene, StagedTask
 from gril_jax.audit.states import FACTORS
+from gril_jax.audit.thresholds import NAMES, Audited
 
 from .audit_maps import Situation, reward_maps, state_pictures
-from .headline import ASKED, MISRANKED, Tile, Verdict, faults, misranked
-from .html import Part, render, save
+from .headline import audit_verdict
+from .html import Cell, Part, Section, Table, render, save
 from .style import png
 
 
@@ -75,31 +76,23 @@ class Findings(NamedTuple):
                 if np.isfinite(value)
             },
             "alone_share": {self.names[i]: _plain(float(share)) for i, share in moved},
-            "passes": {name: asked.holds(numbers[name]) for name, asked in ASKED.items()},
+            **self.audited().as_json(),
             "best_unearned_state": {"found_by": how, "reward": _plain(reward)} | self._state(scene),
             "worst_pair": {"factor": kind, "lesser": pair[0], "better": pair[1]},
         }
 
-    def in_words(self) -> list[str]:
-        """One line for each measure with a requirement."""
-        numbers, fault = self.numbers(), "   FAILS"
-        return [
-            f"{name:15} {numbers[name]:7.3f}  ({asked.bound}) {asked.words}"
-            f"{'' if asked.holds(numbers[name]) else fault}"
-            for name, asked in ASKED.items()
-        ] + [
-            f"{MISRANKED:15} {numbers[MISRANKED]:7.3f}  (no bound) share of all successes whose "
-            "reward is not above the best state without progress"
-        ]
+    def audited(self) -> Audited:
+        """The figures beside their thresholds."""
+        return Audited("task", self.numbers())
 
-    def verdict(self) -> Verdict:
-        """A sentence: whether the reward passes, and the share of misranked successes."""
-        numbers = self.numbers()
-        bad, edge = faults(numbers), misranked(numbers)
-        if bad:
-            many = f"{len(bad)} of {len(ASKED)} measures are not as asked"
-            return Verdict("bad", f"Fails its audit: {many}. {edge}")
-        return Verdict("good", f"Passes its audit: all {len(ASKED)} measures are as asked. {edge}")
+    def in_words(self) -> list[str]:
+        """The verdict, and a line for each figure that has a threshold or tells why not."""
+        found = self.audited()
+        return [found.sentence(), *found.lines()]
+
+    def write_report(self, folder: Path, results: Mapping[str, Any], *, title: str) -> Path:
+        """Writes and returns the page of the audit, see `write_report`."""
+        return write_report(folder, self, results, title=title)
 
     def _state(self, scene: Scene) -> dict[str, Any]:
         rows = zip(self.names, scene.center, scene.active, strict=True)
@@ -118,11 +111,11 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
         title=title,
         summary="Made-up states with known true progress, and a search for states that the reward "
         "overestimates. Its range is that from a reset to a success.",
-        verdict=found.verdict(),
-        tiles=_tiles(found),
+        verdict=audit_verdict(found.audited()),
+        tiles=[],
         film=_unearned(folder, found),
         beside=[_pair(folder, found), _maps(folder, found)],
-        sections=[],
+        sections=[Section("Figures and thresholds", [figure_table(found.audited())])],
         facts={name: str(value) for name, value in results["settings"].items()},
         tables={
             "Pairs in order, by what was changed": _texts(results["factor_accuracy"]),
@@ -136,14 +129,19 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
     return folder / "report.html"
 
 
-def _tiles(found: Findings) -> list[Tile]:
-    numbers, tiles = found.numbers(), []
-    for name, asked in ASKED.items():
-        note = f"{'passes' if asked.holds(numbers[name]) else 'FAILS'}; {asked.bound} is asked"
-        tiles.append(Tile(f"{numbers[name]:.3f}", asked.words, note))
-    words = "of all successes have no higher reward than the best state without progress"
-    note = "those at the edge of what the task counts included"
-    return [*tiles, Tile(f"{numbers[MISRANKED]:.1%}", words, note)]
+def figure_table(found: Audited) -> Table:
+    """The figures of an audit with their thresholds."""
+    rows = {
+        name: [
+            Cell(f"{found.value(name):.3f}", one.unit),
+            Cell(one.bound),
+            Cell("FAILS" if name in found.faults else "passes" if one.direction else "-", one.why),
+            Cell(one.words),
+        ]
+        for name, one in found.table.items()
+    }
+    caption = f"The figures of the {NAMES[found.kind]}."
+    return Table(caption, ("value", "threshold", "result", "meaning"), rows)
 
 
 def _unearned(folder: Path, found: Findings) -> Part:
@@ -217,3 +215,45 @@ def _pick(scenes: Scene, at: tuple[int, ...]) -> Scene:
 
 def _plain(value: float) -> float | None:
     return round(value, 5) if math.isfinite(value) else None
+
+
+def write_videos_report(
+    folder: Path,
+    scenes: Sequence[tuple[str, Scene]],
+    names: Sequence[str],
+    results: Mapping[str, Any],
+    *,
+    half_extent: float,
+    title: str,
+) -> Path:
+    """Writes and returns `report.html` of an audit of videos alone, and its picture beside it.
+
+    Args:
+      scenes: titled states to show.
+      names: of their objects.
+      results: what `audit.json` holds.
+    """
+    found = Audited("videos", results)
+    picture = png(state_pictures(scenes, names, half_extent=half_extent))
+    page = render(
+        title=title,
+        summary=f"This is the {NAMES['videos']}. Its scenes are the first and last frames of "
+        "held-out videos, with activity bits set or objects displaced. Its range is that from "
+        "first to last frames.",
+        verdict=audit_verdict(found),
+        tiles=[],
+        film=Part(
+            "The scenes with the lowest and the highest reward that should be otherwise. Thick "
+            "boxes have their activity bit set.",
+            save(folder / "scenes.png", picture),
+            "A held-out end, and the scene with something out of place of the highest reward",
+        ),
+        sections=[Section("Figures and thresholds", [figure_table(found)])],
+        facts={name: str(value) for name, value in results["settings"].items()},
+        tables={"All numbers": {
+            name: f"{value:.4f}" for name, value in results.items() if type(value) in (int, float)
+        }},
+        listings={"audit.json": json.dumps(results, indent=2)},
+    )  # fmt: skip
+    save(folder / "report.html", page.encode("utf-8", "replace"))
+    return folder / "report.html"

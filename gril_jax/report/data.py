@@ -26,6 +26,7 @@ from gril_jax.demos.files import NotPlainError, read_plain
 from gril_jax.demos.schema import HEADER
 from gril_jax.errors import RunError
 from gril_jax.graphs import activity
+from gril_jax.runs.json_lines import without_digest
 from gril_jax.runs.reading import (
     read_config,
     read_metrics,
@@ -34,7 +35,7 @@ from gril_jax.runs.reading import (
     require_same_demos,
     require_unchanged,
 )
-from gril_jax.safe_files import read_object
+from gril_jax.safe_files import read_object, require_regular
 from gril_jax.threads import parallel_map
 
 from .filmstrip import Film
@@ -191,9 +192,9 @@ class Inputs(NamedTuple):
     shown: str | None  # the demonstration that is shown in detail
 
 
-def read_inputs(folder: Path) -> Inputs:
-    """Reads a run's folder, and its demonstrations if they still exist."""
-    config = read_config(folder)
+def read_inputs(folder: Path, demos_at: Path | None = None) -> Inputs:
+    """Reads a run's folder and its demonstrations, if they still exist, at `demos_at` if given."""
+    config = read_config(folder, demos=demos_at)
     require_unchanged(folder, *_LATER)  # before anything is drawn
     read_versions(folder)
     profiles = read_profiles(folder)
@@ -207,7 +208,27 @@ def read_inputs(folder: Path) -> Inputs:
         fewer = {*config.env.targets} <= {*known}  # a task without blocks to choose has them all
         demos = select_objects(demos, known) if fewer else demos
     rows, results = read_rows(folder), read_finished(folder) or {}
+    if results and (audited := _later_audit(folder, results)):
+        results = results | {"audit": audited}
     return Inputs(folder, config, rows, results, profiles, demos, _to_show(profiles, demos))
+
+
+def _later_audit(folder: Path, results: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The contents of audit/audit.json, which `gril audit` wrote; None without one of this run's
+    reward."""
+    file = folder / "audit" / "audit.json"
+    require_regular(file)
+    try:
+        found = without_digest(file.read_text(encoding="utf-8").removesuffix("\n"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError):
+        found = None
+    if found is None:
+        raise RunError(f"{file} has been changed since gril audit wrote it")
+    settings = found.get("settings")
+    digest = settings.get("reward_sha256") if isinstance(settings, dict) else None
+    return found if digest == results.get("reward_sha256") else None
 
 
 def _to_show(profiles: Profiles | None, demos: DemoSet | None) -> str | None:

@@ -1,18 +1,19 @@
-"""The verdict and the numbers at the top of a report, in words, and how sure they are; and the
-bounds of a reward that passes its audit.
+"""The verdict and the numbers at the top of a report, in words, and how sure they are.
 
 A field of `results.json` that is no number, or a rate not from 0 to 1, is a `RunError`.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
+
+from gril_jax.audit.thresholds import NAMES, TABLES, Audited
+from gril_jax.config.tables import alternatives
+from gril_jax.errors import RunError
 
 from .data import number
 from .rates import WHERE, Rate, name, own_start, rates, wilson
 
-# It has no bound: near the edge of success every reward misranks some states.
-MISRANKED = "misranked_share"
 _SOLVED = 0.9  # success rate from which a run is said to have worked
 
 
@@ -40,7 +41,11 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
     if "success" not in known:
         tau = number(results, "tau", WHERE)
         said = "" if tau is None else f": Kendall's tau on held-out demonstrations is {tau:.3f}"
-        return Verdict("open", f"A reward was learned{said}.")
+        audited = audit_of(results)
+        if audited is None:
+            return Verdict("open", f"A reward was learned{said}.")
+        grade, text = audit_verdict(audited)
+        return Verdict(grade, f"A reward was learned{said}. {text}")
     rate, random = known["success"], known.get("success_random")
     against = "" if random is None else f"; a random policy: {random.value} of {random.counted}"
     if rate.single:
@@ -49,7 +54,7 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
         found = f"{rate.tally} end in success{against}"
     if rate.value == "success" or (rate.share >= _SOLVED and not rate.single):
         audited = audit_of(results)
-        if audited and faults(audited):
+        if audited and not audited.passes:
             return Verdict("fair", f"It worked: {found}. But its reward fails its audit.")
         return Verdict("good", f"It worked: {found}.")
     if _better(rate, random):
@@ -102,10 +107,11 @@ def success_tiles(results: Mapping[str, Any]) -> list[Tile]:
 
 def audit_tiles(results: Mapping[str, Any]) -> list[Tile]:
     """A tile of the reward's audit; of a run that has none, where to get it."""
-    numbers, label = audit_of(results), "the reward, by its audit"
-    if numbers is not None:
-        value = "fails" if faults(numbers) else "passes"
-        return [Tile(value, label, in_short(numbers))]
+    found, label = audit_of(results), "the reward, by its audit"
+    if found is not None:
+        alone = "" if found.kind == "task" else " of the videos alone"
+        value = "passes" if found.passes else "fails"
+        return [Tile(value, label + alone, found.in_short())]
     if number(results, "tau", WHERE) is None:
         return []
     note = "gril audit RUN searches for states that the reward overestimates"
@@ -133,73 +139,34 @@ def in_words(seconds: int | float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
-class Asked(NamedTuple):
-    """The bound of one measure."""
-
-    words: str  # what it is
-    bound: str  # what it must be, in words
-    holds: Callable[[float], bool]  # whether a value is so; NaN never is
-    short: str
-
-
-ASKED = {
-    "order_accuracy": Asked(
-        "pairs of states in their true order", "at least 0.97", lambda x: x >= 0.97, "order"
-    ),
-    "hack_gap": Asked(
-        "worst success less best state without progress", "above 0", lambda x: x > 0, "hack gap"
-    ),
-    "touch_share": Asked(
-        "share of the range for touching everything", "at most 0.05", lambda x: x <= 0.05, "touch"
-    ),
-    "push_share": Asked(
-        "share of the range for targets at a wrong place", "at most 0.7", lambda x: x <= 0.7, "push"
-    ),
-}
-
-
-def faults(numbers: Mapping[str, float]) -> list[str]:
-    """The measures that are not as asked; one that is not known is a fault."""
-    return [name for name, one in ASKED.items() if not one.holds(numbers.get(name, float("nan")))]
-
-
-def misranked(numbers: Mapping[str, float]) -> str:
-    """A sentence on misranked successes."""
-    return (
-        "Of all successes, those at the edge of what the task counts included, "
-        f"{numbers[MISRANKED]:.0%} have no higher reward than the best state without progress."
-    )
-
-
 def audit_kept(results: Mapping[str, Any]) -> dict[str, Any]:
     """The part of `audit.json` that a run keeps in its results."""
-    return {name: results[name] for name in (*ASKED, MISRANKED)} | {"settings": results["settings"]}
+    kind = results.get("kind", "task")
+    figures = {name: results.get(name) for name in TABLES[kind]}
+    return {"kind": kind} | figures | {"settings": results.get("settings")}
 
 
-def audit_of(results: Mapping[str, Any]) -> dict[str, float] | None:
-    """The numbers of a run's own audit, in its `results.json`; None without one."""
+def audit_of(results: Mapping[str, Any]) -> Audited | None:
+    """The figures of a run's own audit, in its `results.json`; None without one."""
     found = results.get("audit")
     if not isinstance(found, Mapping):
         return None
-    known = {name: number(found, name, "results.json, audit") for name in (*ASKED, MISRANKED)}
-    return {name: float("nan") if value is None else value for name, value in known.items()}
+    kind = found.get("kind", "task")
+    if kind not in TABLES:
+        raise RunError(f"results.json, audit: kind must be {alternatives([*TABLES])}")
+    where = "results.json, audit"
+    return Audited(kind, {name: number(found, name, where) for name in TABLES[kind]})
 
 
 def audit_sentence(results: Mapping[str, Any]) -> str:
     """A run's audit in one line."""
-    numbers = audit_of(results)
-    if numbers is None:
+    found = audit_of(results)
+    if found is None:
         return "audit: none; gril audit RUN searches for states that the reward overestimates"
-    return f"audit: {'fails' if faults(numbers) else 'passes'} ({in_short(numbers)})"
+    alone = "" if found.kind == "task" else f", {NAMES[found.kind]}"
+    return f"audit: {'passes' if found.passes else 'fails'} ({found.in_short()}){alone}"
 
 
-def in_short(numbers: Mapping[str, float]) -> str:
-    """The measures, such as "order 0.999, hack gap 0.53, touch 0.01, push 0.47, misranked 0.17";
-    those that are not as asked say so."""
-    bad = faults(numbers)
-    parts = [
-        f"{one.short} {numbers[name]:.{3 if name == 'order_accuracy' else 2}f}"
-        + f", not {one.bound}" * (name in bad)
-        for name, one in ASKED.items()
-    ]
-    return "; ".join([*parts, f"misranked {numbers[MISRANKED]:.2f}"])
+def audit_verdict(found: Audited) -> Verdict:
+    """The verdict of an audit."""
+    return Verdict("good" if found.passes else "bad", found.sentence())

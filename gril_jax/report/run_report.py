@@ -11,17 +11,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gril_jax.config.files import to_yaml
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos.vision.video import read_fps
 from gril_jax.errors import DemoError, RunError
 from gril_jax.runs.json_lines import CLOCKS
-from gril_jax.runs.reading import require_single
+from gril_jax.runs.reading import read_phases, require_single
 
+from .audit_page import figure_table
 from .curves import learning_curve, pretrain_curve, reward_profile
 from .data import Inputs, films_of, read_inputs, read_outcome, read_versions
 from .filmstrip import Film, contact_sheet
-from .headline import headline, verdict
+from .headline import audit_kept, audit_of, headline, verdict
 from .html import Part, Section, Step, render, save
 from .rates import Rate, rates
 from .style import png
@@ -30,14 +30,15 @@ _TOP = 4  # numbers on the first screen
 _NO_POLICY = Part("No policy has been trained in this run.")
 
 
-def write_report(run_folder: str | os.PathLike) -> Path:
+def write_report(run_folder: str | os.PathLike, *, demos: Path | None = None) -> Path:
     """Draws everything about a run, finished or not, into its folder: PNGs and
-    `report.html`, which needs no other file and whose path is returned. A folder of no run or of a
+    `report.html`, which needs no other file and whose path is returned. Its demonstration set is at
+    `demos`, or where the run finds it. A folder of no run or of a
     table, or one that is damaged or cannot be written to, is a RunError."""
     folder = Path(run_folder)
     require_single(folder)
     try:
-        run = read_inputs(folder)
+        run = read_inputs(folder, demos)
         films = films_of(run)
         tiles = headline(run.results)
         demonstrations = _demonstrations(run, films)
@@ -56,7 +57,7 @@ def write_report(run_folder: str | os.PathLike) -> Path:
             tiles=tiles[:_TOP],
             film=film,
             beside=beside,
-            sections=[*later, Section("What next", steps=_next(run))],
+            sections=[*_audit(run), *later, Section("What next", steps=_next(run))],
             more=tiles[_TOP:],
             **_what_was_run(run),
         )
@@ -71,7 +72,10 @@ def _demonstrations(run: Inputs, films: Sequence[Film]) -> Part:
     if run.demos is None:
         gone = "This run's folder holds no demonstrations, so none are shown."
         if run.config.demos.path:
-            gone = f"The demonstrations were in {run.config.demos.path}, where they are no more."
+            gone = (
+                f"The demonstrations were in {run.config.demos.path}, where they are no more: if "
+                "they lie elsewhere now, gril report RUN --demos FOLDER shows them."
+            )
         return Part(gone)
     demos = run.demos
     return Part(
@@ -186,6 +190,12 @@ def _summary(run: Inputs) -> str:
     )
 
 
+def _audit(run: Inputs) -> list[Section]:
+    """The figures of the reward's audit, that of `gril audit` if there is one; empty without."""
+    found = audit_of(run.results)
+    return [] if found is None else [Section("The audit of the reward", [figure_table(found)])]
+
+
 def _next(run: Inputs) -> list[Step]:
     """Next steps with the run."""
     at = shlex.quote(str(run.folder))
@@ -212,13 +222,15 @@ def _what_was_run(run: Inputs) -> dict[str, Any]:
     versions = read_versions(run.folder)
     known = ("command", "device", "python", "platform")
     results = {name: value for name, value in run.results.items() if name not in CLOCKS}
+    if audit_of(results) is not None:
+        results["audit"] = audit_kept(results["audit"])
     return {
         "facts": _in_text({name: versions[name] for name in known if name in versions}),
         "tables": {
             "All results": _in_text(results),
             "Package versions": _in_text(versions.get("packages", {})),
         },
-        "listings": {"Configuration": to_yaml(run.config)},
+        "listings": {"Configuration": read_phases(run.folder).config},
     }
 
 

@@ -1,8 +1,9 @@
 """The files of a run with one JSON object a line, appended and flushed: metrics and clocks.
 
     metrics.jsonl    a row for each chunk of a phase
-    times.jsonl      all clocks of a run; nothing else in its folder tells the time:
+    times.jsonl      all clocks of a run; nothing else in its folder tells the time, or the place:
       {"started": "2030-01-01T12:00:00+0000", ...}    a process has taken the run up
+      {"folder": "/home/me/run", ...}                 where it began, see `places`
       {"line": 12, "seconds": 3.25, ...}              of line 12 of metrics.jsonl
       {"stage": "reward", "seconds": 70.5, ...}       of a stage, in the process that finished it
 

@@ -13,7 +13,6 @@ times.jsonl.
 """
 
 import dataclasses
-import hashlib
 import platform
 import shlex
 import sys
@@ -28,9 +27,9 @@ import yaml
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load, to_yaml
 from gril_jax.errors import ConfigError, RunError
-from gril_jax.safe_files import read_object, require_regular, write_whole, writing
+from gril_jax.safe_files import digest, read_object, require_regular, write_whole, writing
 
-from . import checkpoints
+from . import checkpoints, places
 from .json_lines import Mark, plain, read_rows, with_clocks, with_digest, without_digest
 
 # What the numbers of a run can depend on; `gril doctor` shows the same list.
@@ -95,12 +94,6 @@ def require_single(folder: Path) -> None:
         raise RunError(f"{folder} holds a run of gril {experiment}, not of one policy: {instead}")
 
 
-def digest(file: Path) -> str:
-    """The SHA-256 of a file's contents, in hexadecimal."""
-    with open(file, "rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def require_unchanged(folder: Path, *names: str) -> None:
     """Raises a RunError that names the first file which is not as the run wrote it, of those with
     these names, or below a folder whose name ends with a slash; what is not noted passes."""
@@ -151,8 +144,11 @@ def marks_of(path: Path, phases: Phases) -> tuple[Sequence[Mark], Sequence[str]]
     return found, damaged
 
 
-def read_config(path: Path) -> RunConfig:
-    """Reads a run's configuration, which must be the one that the run began with."""
+def read_config(path: Path, *, demos: Path | None = None) -> RunConfig:
+    """Reads a run's configuration, which must be the one that the run began with.
+
+    Its demonstration set is at `demos`, or where `places.with_demos` finds it.
+    """
     require_run(path)
     file = path / "config.yaml"
     try:
@@ -161,11 +157,16 @@ def read_config(path: Path) -> RunConfig:
         raise RunError(str(error)) from None
     if not text.strip():
         raise RunError(f"{file} is empty, but must hold the configuration of the run")
-    began = read_phases(path).config
+    phases = read_phases(path)
+    began = phases.config
     if text != began:
         what = ", ".join(changed_fields(began, config)) or "its text is another than in phases.json"
         raise RunError(f"{file} has been changed since the run began: {what}")
-    return config
+    if demos is not None:
+        if config.demos.path is None:
+            raise RunError(f"{path} holds its own demonstrations, so it has no use for --demos")
+        return places.at(config, demos)
+    return places.with_demos(config, path, phases.finished.get("demos", {}).get("sha256"))
 
 
 def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:

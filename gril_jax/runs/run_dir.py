@@ -4,7 +4,7 @@
     phases.json      the phases that have finished, see `gril_jax.runs.reading`
     versions.json    package versions, Python, platform, device, command, digest of a task's file
     metrics.jsonl    the metrics, see `gril_jax.runs.json_lines`
-    times.jsonl      the clocks, likewise: the one file in which two equal runs differ
+    times.jsonl      the clocks and where the run began: the one file in which two equal runs differ
     results.json     written when the run has finished
     checkpoints/     one folder a phase, see `gril_jax.runs.checkpoints.checkpoint`
     lock             see `take_lock` of `gril_jax.safe_files`
@@ -25,11 +25,11 @@ from typing import Any, TextIO
 from gril_jax.config import RunConfig
 from gril_jax.config.files import to_yaml
 from gril_jax.errors import RunError
-from gril_jax.safe_files import sync, take_lock, write_whole, writing
+from gril_jax.safe_files import digest, sync, take_lock, write_whole, writing
 
-from . import checkpoints
+from . import checkpoints, places
 from .json_lines import CLOCKS, TIMES, JsonLines, plain, read_rows, with_clocks
-from .reading import Phases, digest, marks_of, read_config, read_phases, versions, write_phases
+from .reading import Phases, marks_of, read_config, read_phases, versions, write_phases
 from .reading import read_metrics as read_metrics
 from .reading import read_results as read_results
 from .sinks import open_sink
@@ -249,7 +249,9 @@ def create(
         phases = Phases(experiment, to_yaml(config), finished, files)
         write_phases(path, phases)
         write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run
-    return RunDir(path, lock, phases, config)
+    run = RunDir(path, lock, phases, config)
+    run.note_time(**places.here(path))
+    return run
 
 
 def resume(path: Path) -> RunDir:
@@ -262,10 +264,10 @@ def resume(path: Path) -> RunDir:
     return RunDir(path, lock, phases, config)
 
 
-def require_resumable(path: Path, experiment: str) -> RunConfig:
-    """The configuration of a run that an experiment can resume; a `RunError` if it is no run, has
-    finished, is of another experiment, was changed, or is being written."""
-    config, phases = read_config(path), read_phases(path)
+def require_resumable(path: Path, experiment: str, *, demos: Path | None = None) -> RunConfig:
+    """The configuration of a run that an experiment can resume, see `read_config`; a `RunError` if
+    it is no run, has finished, is of another experiment, was changed, or is being written."""
+    config, phases = read_config(path, demos=demos), read_phases(path)
     if phases.experiment != experiment:
         made = f"by gril {phases.experiment}" if phases.experiment else "otherwise"
         raise RunError(f"{path} was made {made}, so gril {experiment} cannot go on with it")

@@ -3,14 +3,12 @@
 gril audit RUN                      a run's reward, under a minute on two CPU cores
 gril audit reward.npz --out found   a reward file
 
-A reward passes the audit if its order accuracy is at least 0.97 and its hack gap is positive. It
-also rises by at most 5 % of its range for touching, and by at most 70 % for targets pushed to any
-wrong place.
+A reward passes the audit if each figure keeps its threshold in `gril_jax.audit.thresholds`. A
+task without stages does not say what progress is: its audit is that of the videos alone.
 """
 
 import dataclasses
 import functools
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,12 +24,15 @@ from gril_jax.audit.scene_reward import Scene, scene_reward
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.tables import ENCODERS
 from gril_jax.config.task import NO_TASK
+from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.export.reward_file import load_reward
-from gril_jax.report.audit_page import Findings, write_report
+from gril_jax.report.audit_page import Findings
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
+from gril_jax.runs.checkpoints import state_leaves
+from gril_jax.runs.json_lines import with_digest
 from gril_jax.safe_files import write_whole
 from gril_jax.workflows import export_reward, film_audit
 from gril_jax.workflows.build import setup
@@ -41,6 +42,7 @@ def main(
     source: Path,
     *,
     task: str | None = None,
+    demos: Path | None = None,
     out: Path | None = None,
     variant: str | None = None,
     ascents: int = 1000,
@@ -53,37 +55,82 @@ def main(
     The source is a run's folder or a file of `gril_jax.export.reward_file.save_reward`; task
     and variant of a run are its own if left out. Results go to `audit` in the run's folder, or
     beside the file under its name with "-audit". The starts, first frames of episodes, share the
-    gradient searches (`ascents`). Raises RunError if there is no reward yet, and ConfigError if
-    reward and task do not fit together.
+    gradient searches (`ascents`). Without a task that has stages it is an audit of the videos
+    alone, those of the run or of `demos`. Raises RunError if there is no reward yet, and
+    ConfigError if reward and task do not fit together.
     """
     if out is None:
         out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
-    films = source.is_dir() and (config := run_dir.read_config(source)).env.name == NO_TASK
-    if films:
-        if task is not None:
-            raise ConfigError(f"{source} was trained on videos alone, but --task is {task}")
-        results = film_audit.of_run(source, config, scenes=ascents, seed=seed)
-        lines = film_audit.in_words(results)
+    asked = {"seed": seed, "ascents": ascents}
+    found: Findings | film_audit.Findings
+    if source.is_dir():
+        learned, found, about = _of_run(source, task, demos, variant, starts, **asked)
     else:
-        learned, chosen = _subject(source, task)
-        findings = search(
-            learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
-        )
-        settings = {
-            "source": str(source), "ascents": findings.audit.found.reward.size, "starts": starts,
-            "seed": seed, "variant": variant or _variant(chosen),
-        }  # fmt: skip
-        results, lines = findings.as_json() | {"settings": settings}, findings.in_words()
+        learned, found, about = _of_file(source, task, demos, variant, starts, **asked)
+    settings = {"source": str(source), "seed": seed} | about
+    settings["reward_sha256"] = state_leaves.digest(learned.params)
+    results = found.as_json() | {"settings": settings}
     with run_dir.writing(out):
         out.mkdir(parents=True, exist_ok=True)
-        write_whole(out / "audit.json", json.dumps(results, indent=2) + "\n")
-    place = f"written to {out / 'audit.json'}"
-    if not films:
-        page = write_report(out, findings, results, title=f"Audit of {source.name}")
-        place = f"report: {page}"
-    for line in (*lines, place):
+        write_whole(out / "audit.json", with_digest(results) + "\n")
+    page = found.write_report(out, results, title=f"Audit of {source.name}")
+    for line in (*found.in_words(), f"report: {page}"):
         echo(line)
     return results
+
+
+Audited = tuple[LearnedReward, Findings | film_audit.Findings, dict[str, Any]]
+
+
+def _of_run(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
+    """The audit of a run's reward, with what it did."""
+    config = run_dir.read_config(source, demos=demos)
+    if task not in (None, config.env.name):
+        trained = "on videos alone" if config.env.name == NO_TASK else f"for {config.env.name}"
+        raise ConfigError(f"{source} was trained {trained}, but --task is {task}")
+    setup.require_boxes(config, "an audit, which moves boxes")
+    learned = export_reward.of_run(source)
+    if not has_stages(config.env):
+        found = film_audit.of_run(source, config, scenes=ascents, seed=seed)
+        return learned, found, {"scenes": found.numbers["scenes"]}
+    return _searched(learned, config.env, source, variant, starts, ascents, seed)
+
+
+def _of_file(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
+    """The audit of a reward file, with what it did."""
+    learned = load_reward(source)
+    if isinstance(learned.config, PixelConfig):
+        raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
+    chosen = None
+    if task is not None or demos is None:
+        chosen = env_of(learned, task)
+        if has_stages(chosen):
+            return _searched(learned, chosen, source, variant, starts, ascents, seed)
+    if demos is None:
+        raise ConfigError(
+            f"the task {chosen.name} has no `stages`, so its audit is that of the videos alone: "
+            "name them with --demos"
+        )
+    found = film_audit.of_file(
+        learned, chosen, load_demo_set(demos), str(source), scenes=ascents, seed=seed
+    )
+    return learned, found, {"scenes": found.numbers["scenes"], "demos": str(demos)}
+
+
+def _searched(learned, chosen: EnvConfig, source, variant, starts, ascents, seed) -> Audited:
+    found = search(
+        learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
+    )
+    counted = found.audit.found.reward.size
+    about = {"ascents": counted, "starts": starts, "variant": variant or _variant(chosen)}
+    return learned, found, about
+
+
+def has_stages(chosen: EnvConfig) -> bool:
+    """True if a task says what progress is; no task does not."""
+    if chosen.name == NO_TASK:
+        return False
+    return getattr(setup.make_env(chosen, training=False), "stages", None) is not None
 
 
 def search(
@@ -118,27 +165,13 @@ def search(
     return Findings(states, found, names, stages)
 
 
-def require_possible(config: RunConfig, env: envs.Env) -> None:
-    """Raises ConfigError if a run asks for an audit that its reward or its task does not allow."""
+def require_possible(config: RunConfig) -> None:
+    """Raises ConfigError if a run asks for an audit that its reward does not allow."""
     none = f"run.audit is {config.run.audit}, but must be 0, because"
     if not ENCODERS[config.encoder.kind].boxes:
         raise ConfigError(
             f"{none} an audit moves boxes and encoder.kind is {config.encoder.kind!r}"
         )
-    if getattr(env, "stages", None) is None:
-        raise ConfigError(f"{none} the task {config.env.name} has no stage definition")
-
-
-def _subject(source: Path, task: str | None) -> tuple[LearnedReward, EnvConfig]:
-    """The reward of a run or a file, and its task."""
-    if not source.is_dir():
-        learned = load_reward(source)
-        return learned, env_of(learned, task or EnvConfig.name)
-    config = run_dir.read_config(source)
-    setup.require_boxes(config, "an audit, which moves boxes")
-    if task not in (None, config.env.name):
-        raise ConfigError(f"{source} was trained for {config.env.name}, but --task is {task}")
-    return export_reward.of_run(source), config.env
 
 
 def _variant(chosen: EnvConfig) -> str | None:
@@ -155,13 +188,11 @@ def _scenes(
     seed: int,
 ) -> tuple[envs.Env, tuple[str, ...], Scene]:
     """The task, the names of its objects, and first scenes with the reward's own labels."""
-    if isinstance(learned.config, PixelConfig):
-        raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
     env = setup.make_env(chosen, training=False, variant=variant)
     if getattr(env, "stages", None) is None:
         raise ConfigError(
-            f"the task {chosen.name} has no stage definition, but an audit needs its attribute "
-            "`stages` (see gril_jax.envs.stages)"
+            f"the task {chosen.name} has no `stages` (see gril_jax.envs.stages), so its states "
+            "cannot be searched: an audit of the videos alone needs demonstrations"
         )
     export_reward.require_one_unit(learned, chosen.name, env, source)
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), starts)
@@ -172,13 +203,14 @@ def _scenes(
     return env, names, Scene(objects.center, objects.size, label, objects.is_robot, resting)
 
 
-def env_of(learned: LearnedReward, task: str) -> EnvConfig:
-    """The task; one with targets has those of its usual blocks that the reward was made for."""
-    chosen = EnvConfig(name=task)
+def env_of(learned: LearnedReward, task: str | None) -> EnvConfig:
+    """The task, by default the first of ours; one with targets has those of its usual blocks that
+    the reward was made for."""
+    chosen = EnvConfig(name=EnvConfig.name if task is None else task)
     chosen.check()
     if chosen.is_own:
         return chosen
-    if "targets" not in envs.options(task):
+    if "targets" not in envs.options(chosen.name):
         return chosen
     blocks = (*EnvConfig.targets, *EnvConfig.distractors)
     known = learned.objects or blocks
@@ -186,8 +218,10 @@ def env_of(learned: LearnedReward, task: str) -> EnvConfig:
     distractors = tuple(name for name in EnvConfig.distractors if name in known)
     if not targets or not {*known} <= {*targets, *distractors, "goal", "robot"}:
         raise ConfigError(
-            f"the reward is for the objects {', '.join(known)}, but {task} has "
+            f"the reward is for the objects {', '.join(known)}, but {chosen.name} has "
             f"goal, robot, {', '.join(blocks)}"
+            + ": name its --task, or with --demos the videos that it was learned from"
+            * (task is None)
         )
     return dataclasses.replace(chosen, targets=targets, distractors=distractors)
 

@@ -52,9 +52,13 @@ def of_run(folder: Path) -> LearnedReward:
     require_same_demos(folder, demos)
     if demos.is_file():  # its entries hold the digests of the demonstrations
         known["demos_sha256"] = schema.digest(demos)
-    if "tau" in (found := read_finished(folder) or {}):
-        known["kendall_tau"] = found["tau"]
+    found = read_finished(folder) or {}
+    known |= {ours: found[name] for ours, name in _TRAINED.items() if name in found}
     return described(config, params, words, known)
+
+
+# What a file says of training, and its names in a run's results.
+_TRAINED = {"kendall_tau": "tau", "consistency": "consistency"}
 
 
 def described(

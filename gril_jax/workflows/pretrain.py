@@ -134,7 +134,9 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
         reward=np.asarray(rewards, np.float32),
         transitions=np.asarray(ends),  # True where stages end
     )
+    rows = [row for row in run.dir.metrics() if row["phase"] == "pretrain"]
     results = {name: float(value) for name, value in found.items()} | {
+        "consistency": rows[-1]["consistency"],
         "demonstrations": {split: len(names) for split, names in demos.names.items()},
         "trimmed_frames": demos.trimmed,
         "hard_negatives": 0 if pool is None else len(pool.label),

@@ -23,7 +23,9 @@ from gril_jax.report import rates, run_report
 from gril_jax.report.headline import audit_kept, audit_sentence, in_words
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.rl import training
+from gril_jax.runs import places
 from gril_jax.runs.checkpoints import state_leaves
+from gril_jax.runs.reading import read_phases
 from gril_jax.workflows import audit, evaluate, export_reward, pretrain
 from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.given import given
@@ -41,12 +43,12 @@ def main(
 ) -> Path:
     """Runs it, or goes on with the run in the folder `resume`; see `opened`. Returns its folder."""
     env = setup.make_env(config.env, training=False)
-    config, reused = _reused(config, env)
+    config, reused = _reused(config, env, resume)
     needs = needs_of(config)
     if hard_negatives and not needs.encoder:
         raise ConfigError("--hard-negatives is given, but the run learns no reward from them")
     if config.run.audit and needs.reward:
-        audit.require_possible(config, env)
+        audit.require_possible(config)
     if needs.demos:
         demonstrations.require_usable(config, env, begun=resume is not None)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
@@ -113,20 +115,24 @@ def needs_of(config: RunConfig) -> Needs:
     return Needs(form.learns, encoder, demos)
 
 
-def _reused(config: RunConfig, env: envs.Env) -> tuple[RunConfig, LearnedReward | None]:
-    """The configuration with the encoder of the reward that it names, and that reward."""
+def _reused(
+    config: RunConfig, env: envs.Env, resume: Path | None
+) -> tuple[RunConfig, LearnedReward | None]:
+    """The configuration with the encoder of the reward that it names, and that reward, unless the
+    run to resume holds it already."""
     source = config.run.reward_source
-    if source is None:
+    if source is None or (resume and "reward" in read_phases(resume).finished):
         return config, None
-    learned = export_reward.load_learned(Path(source))
+    now = None if resume is None else places.find(resume, source, Path.exists)
+    learned = export_reward.load_learned(now or Path(source))
     return export_reward.configured(config, learned, env, source), learned
 
 
 def _kept(run: OpenRun, reused: LearnedReward | None) -> dict[str, Any]:
     """The results of a run that learns no reward; one that was learned before is kept in it."""
-    if reused is None:
-        return {}
     results = run.dir.finished_phase("reward")
+    if reused is None:
+        return results or {}
     if results is None:
         digest = state_leaves.digest(reused.params)
         results = {"reward_from": run.config.run.reward_source, "reward_sha256": digest}

@@ -1,5 +1,7 @@
 """The functions of the front door: from a set of demonstrations to a policy, in Python alone."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -102,6 +104,17 @@ def test_the_command_line_learns_the_same_reward_and_policy(home, rewards, task,
             np.testing.assert_array_equal(arrays[0][key], arrays[1][key])
     learned = gril.learn_reward(gril.load_demos(home / "set"), preset=small, task=name, **QUIET)
     jax.tree.map(np.testing.assert_array_equal, learned.params, reward.params)
+    # The task has no stages: its audit is of the videos alone, in Python as on the command line.
+    assert main.main(["audit", str(run), "--ascents", "20"]) == 0
+    found = json.loads((run / "audit" / "audit.json").read_text())
+    options = {"preset": small, "ascents": 20}
+    ours = gril.audit_reward(reward, name, demos=gril.load_demos(home / "set"), **options)
+    assert (ours.kind, ours.passed, ours.verdict) == ("videos", found["passed"], found["verdict"])
+    assert "no state was searched" in ours.verdict.lower()
+    for figure in ("touch_share", "misranked_share", "best_amiss_share", "tau", "consistency"):
+        assert ours.figures[figure] == pytest.approx(found[figure], abs=1e-6)
+    with pytest.raises(ConfigError, match=r"my_task has no `stages`, .* demos=\.\.\."):
+        gril.audit_reward(reward, name)
 
 
 def test_nothing_is_printed_and_nothing_written(home, demos, task, tmp_path, monkeypatch, capfd):

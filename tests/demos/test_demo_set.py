@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from gril_jax.demos.demo import Demo, Tracks, trim_static_tail
+from gril_jax.demos.demo import Demo, Source, Tracks, trim_static_tail
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.vision.video import read_video
@@ -75,6 +75,35 @@ def test_what_is_saved_is_loaded(saved):
         np.testing.assert_array_equal(found, array)
         assert found.dtype == array.dtype
     assert len(loaded[1].frames) == len(read_video(saved / "001.mp4")) == 7
+
+
+def test_frames_of_the_imported_video_are_kept_and_cut_with_the_demonstration(tmp_path):
+    source = Source(np.arange(0, 15, 3, dtype=np.int32), np.arange(5) / 10)
+    write_demo_set(tmp_path / "set", [demo("a", source=source), demo("b")], **OPTIONS)
+    first, second = load_demo_set(tmp_path / "set")
+    np.testing.assert_array_equal(first.source, source)
+    assert first.source.frame.dtype == np.int32
+    assert first.during(slice(2, 4)).source.frame.tolist() == [6, 9]
+    assert second.source is None
+    assert first == demo("a", source=source) != demo("a")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"source_frame": np.array([0, 1, 2, 3, -4], np.int32)},
+        {"source_frame": np.arange(4, dtype=np.int32)},
+        {"source_frame": np.array([0, 2, 1, 3, 4], np.int32)},
+        {"source_time": np.array([0, 1, 2, 3, np.nan])},
+        {"source_time": None},
+    ],
+)
+def test_frames_that_cannot_be_those_of_a_video_are_refused(saved, changes):
+    source = {"source_frame": np.arange(5, dtype=np.int32), "source_time": np.arange(5) / 10}
+    arrays = tracks()._asdict() | source | changes
+    rewrite(saved, {name: x for name, x in arrays.items() if x is not None})
+    with pytest.raises(DemoError, match="must each be 5 numbers that never decrease"):
+        load_demo_set(saved)
 
 
 def test_stages_are_kept_where_they_are_known(tmp_path, saved):

@@ -158,6 +158,9 @@ def test_what_was_repaired_in_time_stamps_is_in_the_notes(tmp_path):
 def test_a_set_may_have_the_rate_that_a_camera_just_misses(tmp_path):
     kitchen_films.write_films(tmp_path / "in", 1, fps=29.97, width=64, height=48, tempo=3.0)
     assert import_videos(tmp_path / "in", robot=["hand"], fps=30.0).fps == 30.0
+    slow = import_videos(tmp_path / "in", robot=["hand"])[0].source  # at 10 frames a second
+    assert slow.frame[:4].tolist() == [0, 3, 6, 9]
+    np.testing.assert_allclose(slow.time, slow.frame / 29.97, atol=1e-3)
 
 
 @pytest.mark.skipif(

@@ -8,10 +8,11 @@ from matplotlib.patches import Rectangle
 from support.audit_findings_made import NUMBERS, findings
 
 from gril_jax.audit.scene_reward import Scene
+from gril_jax.audit.thresholds import TASK
 from gril_jax.errors import RunError
 from gril_jax.report.audit_maps import Situation, reward_maps, state_pictures
 from gril_jax.report.audit_page import write_report
-from gril_jax.report.headline import ASKED, audit_sentence, audit_tiles, verdict
+from gril_jax.report.headline import audit_sentence, audit_tiles, verdict
 from gril_jax.report.style import png
 
 SOUND = {
@@ -28,7 +29,10 @@ def _results(**changes):
 def test_a_sound_reward_is_called_so_with_its_numbers():
     (tile,) = audit_tiles(_results())
     assert tile.value == "passes"
-    assert tile.note == "order 0.999; hack gap 0.50; touch 0.01; push 0.47; misranked 0.16"
+    assert tile.note == (
+        "order 0.999 (at least 0.97); hack gap 0.50 (above 0); touch 0.01 (at most 0.05); "
+        "push 0.47 (at most 0.7); misranked 0.16 (no threshold)"
+    )
     assert verdict(_results()).grade == "good"
     assert audit_sentence(_results()) == f"audit: passes ({tile.note})"
 
@@ -38,7 +42,7 @@ def test_a_fault_or_an_unknown_number_is_not_sound_and_spoils_the_verdict(name, 
     results = _results(**{name: value})
     (tile,) = audit_tiles(results)
     assert tile.value == "fails"
-    assert f"not {ASKED[name].bound}" in tile.note
+    assert f"FAILS, {TASK[name].bound}" in tile.note
     found = verdict(results)
     assert found.grade == "fair"
     assert found.text.endswith("But its reward fails its audit.")
@@ -97,31 +101,23 @@ def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
     assert results["best_unearned_state"]["found_by"] == "gradient search"
     assert [o["name"] for o in results["worst_pair"]["lesser"]["objects"]] == ["goal", "shoe <b>"]
     assert results.keys() >= NUMBERS.keys()
+    assert results["kind"] == "task"
+    assert results["passed"] is False
+    assert results["thresholds"]["hack_gap"]["direction"] == "above"
+    assert results["thresholds"]["misranked_share"]["limit"] is None
 
 
-def test_each_line_says_what_is_asked():
-    lines = findings().in_words()
-    assert len(lines) == len(ASKED) + 1
-    assert lines[-1].split()[:2] == ["misranked_share", "0.010"]
+def test_each_line_says_what_is_asked_and_the_verdict_says_why():
+    verdict, *lines = findings().in_words()
+    assert len(lines) == len(TASK)
+    assert lines[-1].split()[:4] == ["misranked_share", "0.010", "(no", "threshold;"]
     assert lines[0].split()[:2] == ["order_accuracy", "0.980"]
     assert "FAILS" not in lines[0]
-    assert "(above 0)" in lines[1]
+    assert "(above 0; reward)" in lines[1]
     assert lines[1].endswith("FAILS")
-
-
-@pytest.mark.parametrize(
-    ("name", "good", "bad"),
-    [
-        ("order_accuracy", 0.97, 0.969),
-        ("hack_gap", 1e-6, 0.0),
-        ("touch_share", 0.05, 0.051),
-        ("push_share", -0.1, 0.71),
-    ],
-)
-def test_bounds(name, good, bad):
-    assert ASKED[name].holds(good)
-    assert not ASKED[name].holds(bad)
-    assert not ASKED[name].holds(float("nan"))
+    assert "-0.05, but above 0 is asked (reward)" in verdict
+    assert "No threshold is on all successes that are not above" in verdict
+    assert "because a task's success ends at an edge" in verdict
 
 
 # --- pictures
@@ -190,7 +186,8 @@ def test_it_is_one_file_with_numbers_pictures_and_states(tmp_path):
     }  # fmt: skip
     assert text.count("data:image/png;base64,") == 3
     assert "-0.050" in text
-    assert "FAILS; above 0 is asked" in text
+    assert "FAILS" in text
+    assert "at least 0.97" in text
     assert "found by gradient search" in text
     assert "&lt;reward&gt;" in text
     assert "<reward>" not in text

@@ -13,7 +13,7 @@ from gril_jax.config.tables import between, count
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
 
-from ..arguments import Work, echo, named_task, require_new_file, run_config_of
+from ..arguments import Work, demo_set, echo, named_task, require_new_file, run_config_of
 from ..heavy_imports import heavy_imports
 from . import experiment, simple
 
@@ -24,6 +24,8 @@ class _Audit:
     """A file of gril export, or a run's folder."""
     task: TaskName | None = None
     """The task, or where the file of your own is now; by default the run's, or match_regions."""
+    demos: str | None = None
+    """Demonstrations for an audit of videos alone; of a run: where they are now."""
     out: str | None = None
     """Folder for the results; by default RUN/audit, or NAME-audit beside NAME.npz."""
     variant: Variant | None = None
@@ -38,9 +40,10 @@ class _Audit:
 
 def _audit(given: _Audit) -> Work:
     source = Path(given.reward)
+    demos = None if given.demos is None else demo_set(given.demos)
     config = None
     if source.is_dir():
-        config = run_config_of(source, "reward", task=given.task)
+        config = run_config_of(source, "reward", task=given.task, demos=demos)
     elif not source.is_file():
         raise RunError(f"{source} does not exist, but must be a reward file or the folder of a run")
     elif given.task:  # XLA's options depend on the task
@@ -49,17 +52,19 @@ def _audit(given: _Audit) -> Work:
     if out is not None and out.exists() and not out.is_dir():
         raise RunError(f"{out} is a file, but --out must be a folder")
     task = config.env.name if config and not source.is_dir() else None
-    options = vars(given) | {"out": out, "task": task}
+    options = vars(given) | {"out": out, "task": task, "demos": demos}
     del options["reward"]
     return experiment("audit", source, config=config, devices=True, **options)
 
 
 def _subtasks(given: StageOptions) -> Work:
     folder = Path(given.run)
-    run_config_of(folder, "reward", task=given.task)
+    demos = None if given.demos is None else demo_set(given.demos)
+    run_config_of(folder, "reward", task=given.task, demos=demos)
     out = Path(given.out) if given.out else folder / "subtasks"
-    run_dir.require_new(out)
-    return experiment("subtask_report", folder, out, given, devices=True)
+    if not (out / "subtasks.json").is_file():  # what an earlier call wrote is refined
+        run_dir.require_new(out)
+    return experiment("subtasks.report", folder, out, given, devices=True)
 
 
 @dataclass(frozen=True)

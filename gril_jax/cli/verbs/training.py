@@ -11,9 +11,9 @@ from gril_jax.config.files import sections
 from gril_jax.config.run_config import Sections
 from gril_jax.config.tables import between, count
 from gril_jax.errors import ConfigError
-from gril_jax.runs import reading, run_dir
+from gril_jax.runs import places, reading, run_dir
 
-from ..arguments import Work, echo, hard_negatives, require_task_of, run_config_of
+from ..arguments import Work, demo_set, echo, hard_negatives, require_task_of, run_config_of
 from ..configured import ConfigName, new_run, read, require_surroundings, start
 from ..heavy_imports import heavy_imports
 from . import Verb, experiment, simple
@@ -55,7 +55,16 @@ def _resumed(given: _Train, name: str) -> RunConfig:
     """The configuration of a run to resume; a ConfigError with the fields in which the options
     beside it say something else."""
     folder = Path(given.resume)
-    config = run_dir.require_resumable(folder, name)
+    noted = sections(str(folder / "config.yaml")).demos.path
+    told = given.demos.path
+    begun = "demos" in reading.read_phases(folder).finished
+    if noted in (None, told) or not begun:  # before that, nothing says that it is the same set
+        told = None
+    demos = None if told is None else demo_set(told)
+    config = run_dir.require_resumable(folder, name, demos=demos)
+    if demos is not None or given.demos.path == noted:
+        path = config.demos.path
+        given = dataclasses.replace(given, demos=dataclasses.replace(given.demos, path=path))
     task = given.env.name if given.env.name != config.env.name else None
     require_task_of(config, task, folder)
     env = dataclasses.replace(given.env, name=config.env.name)
@@ -67,7 +76,9 @@ def _resumed(given: _Train, name: str) -> RunConfig:
             f"a resumed run keeps the configuration in {folder / 'config.yaml'}, but the command "
             f"line gives {', '.join(changed)}"
         )
-    require_surroundings(config)
+    if config.demos.path is not None:
+        places.require(Path(config.demos.path), "the run learns from it")
+    require_surroundings(config, folder)
     return config
 
 
@@ -112,15 +123,17 @@ def _pretrain(args: list[str]) -> Work:
 @dataclass(frozen=True)
 class _Report:
     run: RunFolder
+    demos: str | None = None
+    """Where the run's demonstration set is now; None: where it was, or beside the run."""
 
 
 def _report(given: _Report) -> Work:
-    folder = Path(given.run)
+    folder, demos = Path(given.run), None if given.demos is None else demo_set(given.demos)
     run_dir.read_config(folder)  # nothing of the task is run, so it need not be there
     if reading.read_phases(folder).experiment == "sweep":
         return _redrawn(folder)
     reading.require_single(folder)
-    return experiment("report", folder)
+    return experiment("report", folder, demos=demos)
 
 
 def _redrawn(folder: Path) -> Work:

@@ -205,7 +205,7 @@ def stages_note(config: RunConfig, reward_params: Any) -> str | None:
         return None
     if int(found.count) == 1:
         return (
-            "the demonstrations agree on no stages: one policy learns from one goal, and "
+            "the reward has one stage, so this is a one-stage task: one policy learns it, and "
             f"{asked - 1} of {asked} sub-policies have nothing to do"
         )
     return (

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gril_jax.report import headline
+from gril_jax.audit.thresholds import Audited
 from gril_jax.report.data import read_versions
 from gril_jax.report.rates import UNKNOWN, Rate
 from gril_jax.runs import json_lines, run_dir
@@ -175,7 +175,7 @@ def _passes(line: Line) -> dict[str, float]:
     if first is None:
         return {}
     audited = {long: line.get(f"{name}_{first}", float("nan")) for name, long in FIGURES.items()}
-    return {PASSES: float(not headline.faults(audited))}
+    return {PASSES: float(Audited("task", audited).passes)}
 
 
 # --- policies

@@ -102,6 +102,38 @@ def test_a_file_that_was_moved_is_found_where_the_user_says(tmp_path):
     assert files.load(f"{path}:make")().classes == own_task.CLASSES
 
 
+def test_a_file_that_was_moved_with_its_run_is_run_if_it_was_named_where_it_was(tmp_path, forget):
+    path = own_task.write(tmp_path)
+    digest = files.digest(f"{path}:make")
+    place = tmp_path / "moved" / "my_task.py"
+    place.parent.mkdir()
+    files.look_for(f"{path}:make", digest, [place])  # it is where it was
+    path.rename(place)
+    files.look_for(f"{path}:make", digest, [tmp_path / "nowhere" / "my_task.py", place])
+    with pytest.raises(ValueError, match=rf"was never named .* add --task {place}:make"):
+        files.require(f"{path}:make", digest)
+    place.rename(path)
+    files._moved.clear()
+    files.name(f"{path}:make")
+    path.rename(place)
+    forget()
+    files.look_for(f"{path}:make", digest, [place])
+    assert files.require(f"{path}:make", digest) == digest
+    assert files.load(f"{path}:make")().classes == own_task.CLASSES
+
+
+def test_a_file_of_other_contents_is_not_taken_for_the_one_of_a_run(tmp_path):
+    path = own_task.write(tmp_path)
+    digest = files.name(f"{path}:make") and files.digest(f"{path}:make")
+    place = tmp_path / "moved" / "my_task.py"
+    place.parent.mkdir()
+    place.write_text(path.read_text() + "# more\n")
+    path.unlink()
+    files.look_for(f"{path}:make", digest, [place])
+    with pytest.raises(ValueError, match="does not exist: if it lies elsewhere now, say where"):
+        files.require(f"{path}:make", digest)
+
+
 def test_byte_code_beside_a_file_is_not_run(tmp_path):
     path = own_task.write(tmp_path)
     cache = tmp_path / "__pycache__" / f"my_task.{sys.implementation.cache_tag}.pyc"

@@ -104,7 +104,7 @@ def test_stages_end_where_demonstrations_agree_that_the_reward_stands_still(monk
     [
         (2, 2, None),
         (3, 1, None),
-        (1, 2, "agree on no stages: one policy learns from one goal, and 1 of 2 sub-policies"),
+        (1, 2, "a one-stage task: one policy learns it, and 1 of 2 sub-policies"),
         (3, 2, "agree on 3 stages, which 2 sub-policies share out: --ppo.sub-policies 3 gives"),
     ],
 )

@@ -1,5 +1,6 @@
-"""Found ends of stages: doubted, scored against the true ones, and demonstrations cut at them,
-as a table, as videos and as sets. Frames and seconds are those of the set's videos."""
+"""Found ends of stages: scored against the true ones, and demonstrations cut at them, as a table,
+as videos and as sets. Frames and seconds are those of the set's videos, and of the imported ones
+where that is said."""
 
 import csv
 import io
@@ -22,36 +23,10 @@ from gril_jax.runs.progress import Progress
 from gril_jax.subtasks.matching import match_within
 
 _LEAST = 2  # frames of a demonstration
-# Share of held-out demonstrations that must show as many ends as are agreed on. With the reward of
-# `match_regions`, which has the task's two stages, 15 of 16 do, and with that of
-# `match_regions_fast`, which has a third, 11 of 16.
-_AS_MANY = 0.8
-COLUMNS = ("video", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "found", "split")
-
-
-def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) -> str | None:
-    """A sentence if held-out demonstrations disagree on the number of stages, else None.
-
-    No label is used. A reward that is fit for stages shows them in each single video, also in one
-    that it was not trained on.
-
-    Args:
-      alone: ends that each demonstration shows by itself, frames, filled up with -1.
-      held_out: which of them were kept aside; if none was, all count.
-      agreed: number of ends on which all demonstrations together agree.
-    """
-    counts = (alone >= 0).sum(axis=1)
-    counts = counts[np.array(held_out)] if any(held_out) else counts
-    others = counts[counts != agreed]
-    if np.mean(counts == agreed) >= _AS_MANY:
-        return None
-    least, most = others.min(), others.max()
-    shown = f"{least}" if least == most else f"{least} to {most}"
-    return (
-        f"doubtful: only {len(counts) - len(others)} of {len(counts)} held-out demonstrations show "
-        f"{agreed} ends by themselves and the others {shown}, so this reward may not be fit for "
-        "stages: learn it with displaced copies (--pretrain.num-perturbations 4)"
-    )
+COLUMNS = (
+    "video", "subtask", "first_frame", "last_frame", "begin_s", "end_s", "video_first_frame",
+    "video_last_frame", "video_begin_s", "video_end_s", "found", "split", "doubt",
+)  # fmt: skip
 
 
 def scores(
@@ -118,7 +93,8 @@ def write_sets(
     def demos(number: int) -> Iterator[Demo]:
         nonlocal done
         for demo, own in zip(shown, ends, strict=True):
-            first, last = segments(own, len(demo))[number]
+            first, last = segments(own)[number]
+            last = len(demo) - 1 if number == len(own) - 1 else last
             if last - first + 1 >= _LEAST:
                 stages = demo.stages and {
                     name: frame - first if first <= frame <= last else -1
@@ -137,30 +113,43 @@ def write_sets(
         )  # fmt: skip
 
 
-def segments(ends: Int[np.ndarray, "K"], num_frames: int) -> list[tuple[int, int]]:
-    """First and last frame of each subtask, see `write_sets`.
+def segments(ends: Int[np.ndarray, "K"]) -> list[tuple[int, int]]:
+    """First and last frame of each subtask, from the end of the one before to its own.
 
-    >>> segments(np.array([4, 7]), 10)
-    [(0, 4), (4, 9)]
+    >>> segments(np.array([4, 7]))
+    [(0, 4), (4, 7)]
     """
-    firsts = [0, *ends[:-1].tolist()]
-    return list(zip(firsts, [*firsts[1:], num_frames - 1], strict=True))
+    return list(zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True))
+
+
+def of_video(demo: Demo, segment: tuple[int, int], fps: float) -> dict[str, Any]:
+    """A segment in frames and seconds of the video that was imported, from its first frame."""
+    first, last = segment
+    if demo.source is None:  # a set that was not resampled
+        frames, seconds = [first, last], [first / fps, last / fps]
+    else:
+        frames, seconds = (x[[first, last]].tolist() for x in demo.source)
+    return {
+        "first_frame": frames[0], "last_frame": frames[1],
+        "begin_s": round(seconds[0], 3), "end_s": round(seconds[1], 3),
+    }  # fmt: skip
 
 
 def as_csv(demos: Mapping[str, Mapping[str, Any]], demo_set: DemoSet) -> str:
     """A line a segment; `demos` is what subtasks.json has under that name.
 
     `found` is 1 if the video itself shows the segment's end, 0 if it was put where the others have
-    it.
+    it. `doubt` has the reasons to doubt the video's stages.
     """
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for name, one in demos.items():
-        pairs = zip(one["segments"], one["found"], strict=True)
-        for number, ((first, last), found) in enumerate(pairs, 1):
+        rows = zip(one["segments"], one["video_segments"], one["found"], strict=True)
+        for number, ((first, last), video, found) in enumerate(rows, 1):
             seconds = [round(frame / demo_set.fps, 3) for frame in (first, last)]
-            table.writerow([_plain(name), number, first, last, *seconds, int(found), one["split"]])
+            about = int(found), one["split"], "; ".join(one["doubts"])
+            table.writerow([_plain(name), number, first, last, *seconds, *video.values(), *about])
     return text.getvalue()
 
 

@@ -4,7 +4,8 @@
     gril subtasks RUN --videos          and each segment as a video of its own
     gril subtasks RUN --sets            and a set for each subtask, for `gril pretrain --demos`
 
-`segments.csv` has a line a segment: its video, frames and seconds.
+`segments.csv` has a line a segment: its video, frames and seconds. A call may be repeated and
+refined; its results take the place of the earlier ones.
 
 Boundaries are those on which the successful demonstrations agree (`gril_jax.subtasks.agreement`);
 where the set has stage times (`Demo.stages`), those of held-out demonstrations are scored.
@@ -28,20 +29,23 @@ from gril_jax.config import RunConfig
 from gril_jax.config.run_config import StageOptions
 from gril_jax.demos import schema
 from gril_jax.demos.demo import Demo
+from gril_jax.demos.demo_set import DemoSet
 from gril_jax.demos.formats import lerobot
-from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.errors import ConfigError, RunError
 from gril_jax.export.lerobot import annotate
 from gril_jax.report.curves import reward_profile
 from gril_jax.report.style import COLOURS, GREY, png, styled
-from gril_jax.runs import run_dir
+from gril_jax.runs import places, run_dir
 from gril_jax.runs.json_lines import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.reading import require_same_demos
 from gril_jax.safe_files import write_whole
 from gril_jax.subtasks import agreement
 
-from .build import demonstrations, learners, policy_setup, setup, vocabulary
-from .subtask_ends import as_csv, doubt, scores, segments, write_sets, write_videos
+from ..build import demonstrations, learners, policy_setup, setup, vocabulary
+from .doubts import Stages, doubt, of_demonstrations
+from .ends import as_csv, of_video, scores, segments, write_sets, write_videos
+from .folder import part_of, settle
 
 _FIGURES = 3  # held-out demonstrations that are drawn
 _KNOBS = ("prominence", "patience", "support")  # options that find more stages where they are lower
@@ -59,12 +63,14 @@ class Traces(NamedTuple):
 def main(
     folder: Path, out: Path, options: StageOptions, *, echo: Callable[[str], None] = print
 ) -> None:
-    """Writes figures, scores and cut demonstrations into a new folder.
+    """Writes figures, scores and cut demonstrations into a folder, which may be that of an earlier
+    call: what is made again takes its place.
 
-    Raises RunError if there is no reward, or if there are no stages to tell apart. Raises
-    ConfigError if what is to be annotated is no LeRobot dataset.
+    Raises RunError if there is no reward, or if there is no stage. Raises ConfigError if what is to
+    be annotated is no LeRobot dataset.
     """
-    config = run_dir.read_config(folder)
+    told = None if options.demos is None else Path(options.demos)
+    config = run_dir.read_config(folder, demos=told)
     dataset = None if options.lerobot is None else _dataset(Path(options.lerobot))
     with Progress() as progress:
         demos = _demos(config, folder, progress)
@@ -76,33 +82,48 @@ def main(
         measured = _scores(traces, {"agreed": agreed, "each alone": alone}, tolerance)
         doubtful = doubt(alone, traces.held_out, agreed.shape[1])
         about = {"rule": rule, "tolerance": tolerance, "doubt": doubtful}
-        about |= _json(traces, found, agreed, measured)
-        with run_dir.writing(out):
-            out.mkdir(parents=True)
-            write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
-            write_whole(out / "segments.csv", as_csv(about["demonstrations"], demos.demo_set))
-        drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
-        phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
-        for count, i in enumerate(drawn, 1):
-            demo, own = traces.demos[i], traces.reward[i, : traces.length[i]]
-            look = {"stages": demo.stages, "name": demo.name, "fps": demos.demo_set.fps}
-            picture = png(stages_figure(own, agreed[i], demo.frames, **look))
-            with run_dir.writing(out):
-                (out / f"{demo.name.replace('/', '_')}.png").write_bytes(picture)
-            phase.update(count)
-        if options.videos:
-            write_videos(out / "videos", about["demonstrations"], demos.demo_set, progress)
-        if dataset is not None:
-            seconds = {n: [e / demos.demo_set.fps for e in one["ends"]]
-                       for n, one in about["demonstrations"].items()}  # fmt: skip
-            names = [f"stage {number}" for number in range(1, agreed.shape[1] + 1)]
-            annotate(dataset, out / "lerobot", seconds, names)
+        stages = stages_of(traces, found, alone, rule, demos.demo_set.fps)
+        doubts = of_demonstrations(stages)
+        about |= _json(traces, found, stages, doubts, measured)
+        with run_dir.writing(out), part_of(out) as part:
+            _write(part, about, traces, demos.demo_set, options, dataset, progress)
+            now = {name: one["segments"] for name, one in about["demonstrations"].items()}
+            settle(part, out, plain(now))
         if options.sets:
             write_sets(out, demos.demo_set, traces.demos, agreed, progress)
-    for line in _sentences(agreed.shape[1], found, measured, out):
+    for line in _sentences(found, measured, about["demonstrations"], out):
         echo(line)
     if doubtful:
         echo(doubtful)
+
+
+def _write(
+    out: Path,
+    about: Mapping[str, Any],
+    traces: Traces,
+    demo_set: DemoSet,
+    options: StageOptions,
+    dataset: lerobot.Dataset | None,
+    progress: Progress,
+) -> None:
+    """Writes everything but the sets of subtasks into a new folder."""
+    found, fps = about["demonstrations"], demo_set.fps
+    write_whole(out / "subtasks.json", json.dumps(plain(about), indent=1) + "\n")
+    write_whole(out / "segments.csv", as_csv(found, demo_set))
+    drawn = [i for i, held in enumerate(traces.held_out) if held][:_FIGURES]
+    phase = progress.phase("drawing", total=len(drawn), unit="figures", compiles=False)
+    for count, i in enumerate(drawn, 1):
+        demo, own = traces.demos[i], traces.reward[i, : traces.length[i]]
+        look = {"stages": demo.stages, "name": demo.name, "fps": fps}
+        picture = png(stages_figure(own, np.array(found[demo.name]["ends"]), demo.frames, **look))
+        (out / f"{demo.name.replace('/', '_')}.png").write_bytes(picture)
+        phase.update(count)
+    if options.videos:
+        write_videos(out / "videos", found, demo_set, progress)
+    if dataset is not None:
+        seconds = {name: [end / fps for end in one["ends"]] for name, one in found.items()}
+        names = [f"stage {number}" for number in range(1, len(about["level"]) + 1)]
+        annotate(dataset, out / "lerobot", seconds, names)
 
 
 def traces_of(config: RunConfig, folder: Path, demos: demonstrations.Demonstrations) -> Traces:
@@ -142,8 +163,7 @@ _each_alone = jax.jit(agreement.each_alone, static_argnames="smoothing")
 
 def _demos(config: RunConfig, folder: Path, progress: Progress) -> demonstrations.Demonstrations:
     source = Path(config.demos.path or folder / "demos")
-    if not (source / schema.HEADER).is_file():
-        raise DemoError(f"{source} is gone, but the reward is to be followed along its videos")
+    places.require(source, "the reward is to be followed along its videos")
     require_same_demos(folder, source / schema.HEADER)
     return demonstrations.gather(config, setup.task_of(config.env), folder / "demos", progress)
 
@@ -156,12 +176,12 @@ def _dataset(folder: Path) -> lerobot.Dataset:
 
 
 def _require_stages(folder: Path, rule: Mapping[str, Any], count: int) -> None:
-    """Raises RunError if there are fewer than two boundaries, with the options that find more."""
-    if count < 2:
+    """Raises RunError if there is no boundary, with the options that find more."""
+    if count < 1:
         options = ", ".join(f"--{name} (it was {rule[name]:g})" for name in _KNOBS)
         raise RunError(
-            f"{folder}: {count} of the stages' ends is agreed on by the demonstrations, but at "
-            f"least 2 are needed: try a lower {options}"
+            f"{folder}: the demonstrations agree on no end of a stage, but one is needed at "
+            f"least: try a lower {options}"
         )
 
 
@@ -177,23 +197,37 @@ def _scores(
     }
 
 
-def _json(traces: Traces, found, agreed, measured: Mapping[str, Any]) -> dict[str, Any]:
+def stages_of(traces: Traces, found, alone, rule: Mapping[str, Any], fps: float) -> Stages:
+    """The stages of all demonstrations, as they are doubted."""
+    kept = int(np.sum(found.kept))
+    smooth = jax.vmap(lambda x: agreement.running_median(x, rule["smoothing"]))
+    return Stages(
+        np.asarray(smooth(jnp.asarray(traces.reward))), np.asarray(found.frames)[:, :kept],
+        np.asarray(found.found)[:, :kept], alone, np.asarray(found.level)[:kept],
+        rule["prominence"], fps,
+    )  # fmt: skip
+
+
+def _json(
+    traces: Traces, found, made: Stages, doubts: Sequence[list[str]], measured: Mapping[str, Any]
+) -> dict[str, Any]:
     """All results as JSON; `segments` are first and last frames of each subtask."""
-    kept = agreed.shape[1]
-    demos = {
-        demo.name: {
+    demos = {}
+    for i, demo in enumerate(traces.demos):
+        parts = segments(made.ends[i])
+        demos[demo.name] = {
             "split": "validation" if traces.held_out[i] else "train",
-            "ends": agreed[i].tolist(),
-            "found": found.found[i, :kept].tolist(),
-            "segments": segments(agreed[i], len(demo)),
+            "ends": made.ends[i].tolist(),
+            "found": made.found[i].tolist(),
+            "segments": parts,
+            "video_segments": [of_video(demo, part, made.fps) for part in parts],
+            "doubts": doubts[i],
             "stages": demo.stages,
         }
-        for i, demo in enumerate(traces.demos)
-    }
     return {
         "scores": measured,
-        "level": found.level[:kept].tolist(),
-        "support": found.support[:kept].tolist(),
+        "level": made.level.tolist(),
+        "support": found.support[: len(made.level)].tolist(),
         "demonstrations": demos,
     }
 
@@ -231,9 +265,11 @@ def stages_figure(
     return figure
 
 
-def _sentences(count: int, found, measured: Mapping[str, Any], out: Path) -> Sequence[str]:
-    levels = ", ".join(f"{x:.2f}" for x in found.level[:count])
-    lines = [f"{count} stages, which end at rewards of {levels}"]
+def _sentences(
+    found, measured: Mapping[str, Any], demos: Mapping[str, Any], out: Path
+) -> Sequence[str]:
+    levels = found.level[: int(np.sum(found.kept))].tolist()
+    lines = [in_words(levels)]
     for name, one in measured.items():
         lines.append(
             f"held-out demonstrations ({name}): all stages found in {one['all_found']:.0%} of "
@@ -244,4 +280,21 @@ def _sentences(count: int, found, measured: Mapping[str, Any], out: Path) -> Seq
         )
     if not measured:
         lines.append("the demonstrations have no stage times, so the stages are not scored")
+    lines += [
+        f"doubtful: {name} {', '.join(one['doubts'])}"
+        for name, one in demos.items()
+        if one["doubts"]
+    ]
     return [*lines, f"written to {out}"]
+
+
+def in_words(levels: Sequence[float]) -> str:
+    """The number of stages and their rewards; a single one is called what it is.
+
+    >>> in_words([-0.5, 0.0])
+    '2 stages, which end at rewards of -0.50, 0.00'
+    """
+    said = ", ".join(f"{x:.2f}" for x in levels)
+    if len(levels) == 1:
+        return f"1 stage, which ends at a reward of {said}: a one-stage task"
+    return f"{len(levels)} stages, which end at rewards of {said}"

@@ -1,0 +1,1 @@
+"""Stages of tasks, found in the rewards of runs: `gril subtasks`."""
