@@ -18,7 +18,7 @@ from . import import_notes
 from .demo import Demo, Tracks, trim_static_tail
 from .demo_set import DemoSet
 from .detected import WORLD
-from .formats.fit import doubts, once, require_told_apart, within
+from .formats.fit import doubts, once, require_distinct, require_told_apart, within
 from .formats.names import composed
 from .formats.record import Box, Film
 from .import_notes import Found
@@ -124,6 +124,7 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
     boxes, twice = zip(*map(once, boxes), strict=True)
     boxes, outside = zip(*map(within, films, boxes), strict=True)
     names = sorted({one.name for each in boxes for one in each})
+    require_distinct(folder, names)
     if classes is not None:
         for one in (one for each in boxes for one in each if one.name not in classes):
             raise DemoError(

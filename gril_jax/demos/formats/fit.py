@@ -2,13 +2,17 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from gril_jax.errors import DemoError
 
+from .names import folded
 from .record import Box, Film, alike
 
 _SHARE = 2.0  # pixels; a share of the picture is 1 at most, or more for a box beyond it
 _COPY = 1 / 3  # of both sides of the picture: boxes within it may be of a smaller copy
+_BEYOND = 1.1  # sides of the picture, which a tracker's guess may reach to
+_OFTEN = 0.2  # share of the boxes that may reach further
 _COMPARED = 200  # boxes of a class in a frame: no video shows more
 
 
@@ -38,6 +42,17 @@ def once(boxes: list[Box]) -> tuple[list[Box], int]:
     return found, len(boxes) - len(found)
 
 
+def require_distinct(folder: Path, names: Sequence[str]) -> None:
+    """Raises DemoError if two classes differ in capitals alone."""
+    known: dict[str, str] = {}
+    for name in names:
+        if known.setdefault(folded(name), name) != name:
+            raise DemoError(
+                f"{folder}: the classes {known[folded(name)]!r} and {name!r} differ in capitals "
+                "alone; write one of them in all files."
+            )
+
+
 def doubts(film: Film, boxes: list[Box]) -> list[str]:
     """What may be wrong with boxes, but need not be."""
     said = []
@@ -47,6 +62,16 @@ def doubts(film: Film, boxes: list[Box]) -> list[str]:
         said.append(
             f"all boxes lie in the upper left {right:.0f} x {low:.0f} of {film.width} x "
             f"{film.height} pixels, as if they were of a smaller copy of the video"
+        )
+    beyond = [
+        one
+        for one in boxes
+        if one.edges[2] > _BEYOND * film.width or one.edges[3] > _BEYOND * film.height
+    ]
+    if boxes and len(beyond) > _OFTEN * len(boxes):
+        said.append(
+            f"{len(beyond) / len(boxes):.0%} of the boxes reach far beyond the right or lower edge "
+            "of the picture, as if a corner were in place of their width and height"
         )
     frames = {one.frame for one in boxes}
     table = any(".csv, line" in one.where.lower() for one in boxes[:1])  # which counts from 0

@@ -3,7 +3,7 @@
 import pytest
 
 from gril_jax.demos.formats import boxes_of
-from gril_jax.demos.formats.fit import doubts, within
+from gril_jax.demos.formats.fit import doubts, require_distinct, within
 from gril_jax.demos.formats.record import Film
 from gril_jax.errors import DemoError
 
@@ -93,6 +93,18 @@ def test_what_may_be_wrong_with_boxes_is_said(tmp_path):
     large = film(tmp_path, size=(640, 480))
     (said,) = doubts(large, read(tmp_path, PLAIN))
     assert "all boxes lie in the upper left 12 x 9 of 640 x 480 pixels" in said
+
+
+def test_corners_in_place_of_sizes_are_said(tmp_path):
+    boxes = read(tmp_path, f"{HEAD}\n0,cup,30,20,69,55\n1,cup,30,20,72,40\n2,cup,9,9,20,20\n")
+    (said,) = doubts(film(tmp_path), boxes)
+    assert said.startswith("67% of the boxes reach far beyond the right or lower edge")
+
+
+def test_classes_that_differ_in_capitals_alone_are_refused(tmp_path):
+    require_distinct(tmp_path, ["cup", "cups", "hand", "hand"])
+    with pytest.raises(DemoError, match="the classes 'Cup' and 'cup' differ in capitals alone"):
+        require_distinct(tmp_path, ["Cup", "cup"])
 
 
 @pytest.mark.parametrize("name", ["a.zip", "a.csv.gz", "annotations.xml.gz", "a.mp4.ZIP"])
