@@ -174,8 +174,10 @@ def _followed(
     sighted = ~np.isnan(edges[..., 0])
     given = {"hands": hands, "jitter": jitter, "smoothing": smoothing}
     if rows is None:
-        strays = film.fps >= _SLOWEST and not drawn
-        mend, step = mended(edges, film.fps, strays=strays, **given), 1.0
+        slow = film.fps < _SLOWEST
+        if slow and jitter is None:
+            given["jitter"] = 0.0  # what bends is the way, not the box
+        mend, step = mended(edges, film.fps, strays=not (slow or drawn), **given), 1.0
     else:
         person = by_person(given_boxes)
         mend, step = mended_between(edges, rows, film.fps, drawn=person, **given), step_of(rows)
