@@ -18,17 +18,18 @@ from . import import_notes
 from .demo import Demo, Source, Tracks, trim_static_tail
 from .demo_set import DemoSet
 from .detected import WORLD
-from .formats.fit import once, require_told_apart, within
+from .formats.fit import doubts, once, require_distinct, require_told_apart, within
 from .formats.names import composed
 from .formats.record import Box, Film
 from .import_notes import Found
-from .tracking.annotated import annotated, mended_between, step_of
+from .tracking.annotated import annotated, by_person, mended_between, step_of
 from .tracking.identities import in_order, linked, objects_at_once
 from .tracking.mending import Mended, mended
-from .vision.timed import nearest, pictures, rate_of, required_rate, steps
+from .vision.timed import nearest, pictures, rate_of, require_a_step, required_rate, steps
 
 WIDTHS, _HALF = "widths of the picture", 0.5
 _FASTEST = 10.0  # frames a second: a hand's work needs no more
+_SLOWEST = 5.0  # frames a second; in rarer ones whatever moves jumps, and no jump is an error
 _RESTING = 0.02  # half extents: what is nearer to its last place has arrived
 _DEVIATIONS = 3.0  # of the jitter, which the same takes of boxes that jitter
 _MEDIAN = 3  # frames of the median over positions that jitter calls for
@@ -123,6 +124,7 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
     boxes, twice = zip(*map(once, boxes), strict=True)
     boxes, outside = zip(*map(within, films, boxes), strict=True)
     names = sorted({one.name for each in boxes for one in each})
+    require_distinct(folder, names)
     if classes is not None:
         for one in (one for each in boxes for one in each if one.name not in classes):
             raise DemoError(
@@ -131,6 +133,7 @@ def _planned(folder, films, boxes, classes, fps) -> _Plan:
     most = [objects_at_once(each) for each in boxes]
     counts = {name: max(each.get(name, 0) for each in most) for name in names}
     rate = rate_of(films, _FASTEST) if fps is None else required_rate(films, fps)
+    require_a_step(films, rate)
     nodes = tuple(
         name if number == 1 or classes is not None else f"{name} {k + 1}"
         for name, number in counts.items()
@@ -159,19 +162,25 @@ def _followed(
     """A video's repaired objects, its renewed identities and extra boxes, who was seen when, and
     the frames from one annotated frame to the next."""
     film, parts, renewed, extra = plan.films[number], [], 0, plan.twice[number]
-    rows = annotated((one.frame for one in plan.boxes[number]), len(film.times))
+    given_boxes = plan.boxes[number]
+    rows = annotated((one.frame for one in given_boxes), len(film.times))
+    drawn = all(one.drawn for one in given_boxes)
     for name, count in plan.counts.items():
-        own = [one for one in plan.boxes[number] if one.name == name]
-        one = linked(own, len(film.times), count, sparse=rows is not None)
+        own = [one for one in given_boxes if one.name == name]
+        one = linked(own, len(film.times), count, sparse=rows is not None or drawn)
         parts.append(one.edges)
         renewed, extra = renewed + one.renewed, extra + one.extra
     edges = np.concatenate(parts, axis=1)
     sighted = ~np.isnan(edges[..., 0])
     given = {"hands": hands, "jitter": jitter, "smoothing": smoothing}
     if rows is None:
-        mend, step = mended(edges, film.fps, **given), 1.0
+        slow = film.fps < _SLOWEST
+        if slow and jitter is None:
+            given["jitter"] = 0.0  # what bends is the way, not the box
+        mend, step = mended(edges, film.fps, strays=not (slow or drawn), **given), 1.0
     else:
-        mend, step = mended_between(edges, rows, film.fps, **given), step_of(rows)
+        person = by_person(given_boxes)
+        mend, step = mended_between(edges, rows, film.fps, drawn=person, **given), step_of(rows)
     order = np.concatenate(
         [at + in_order(mend.edges[:, at : at + n]) for at, n in _places(plan.counts)]
     )
@@ -204,9 +213,16 @@ def _demo(plan, number, followed, robots, extent, noise) -> tuple[Demo, Found]:
     about = Found(
         film.name, kept, cut, objects, float(1 - mend.seen[:, shown].mean()), mend.carried,
         mend.off, renewed, extra, plan.outside[number], float(film.times[int(first.max())]),
-        mend.jitter, mend.smoothing, step, film.note,
+        mend.jitter, mend.smoothing, step, _note(plan, number),
     )  # fmt: skip
     return replace(whole, trimmed=cut).during(slice(kept)), about
+
+
+def _note(plan: _Plan, number: int) -> str | None:
+    """A sentence on a video's time stamps and boxes, where there is something to say."""
+    film = plan.films[number]
+    said = [film.note] if film.note else []
+    return "; ".join([*said, *doubts(film, plan.boxes[number])]) or None
 
 
 def _tracks(plan: _Plan, film: Film, mend: Mended, extent: float) -> Tracks:
@@ -221,7 +237,7 @@ def _tracks(plan: _Plan, film: Film, mend: Mended, extent: float) -> Tracks:
     edges[:, never] = [film.width / 2, film.height / 2, film.width / 2 + 1, film.height / 2 + 1]
     seen[:, never] = False
     seen[0, ~never] |= ~seen[:, ~never].any(axis=0)  # it was, if between two steps
-    scale = film.width / (2 * extent)
+    scale = film.width / (2 * extent) * np.array([1.0, film.aspect])
     low, high = edges[..., :2], edges[..., 2:]
     center = ((low + high) / 2 - [film.width / 2, film.height / 2]) / scale * [1.0, -1.0]
     label = np.array([plan.classes.index(node) for node in plan.nodes])

@@ -16,6 +16,8 @@ VIDEOS = (
     ".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif", ".3gp", ".mpg", ".mpeg", ".ts",
     ".mts", ".m2ts", ".wmv", ".flv", ".ogv",
 )  # fmt: skip
+_PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+_PACKED = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 _HIDDEN = re.compile(r"\.[^.]")
 # What a browser, or a disk in a cloud, has in place of a file until it is there.
 _COMING = re.compile(r"\.?(.+?)\.(part|crdownload|download|icloud)")
@@ -46,6 +48,9 @@ def videos_in(folder: pathlib.Path, out: str | os.PathLike | None) -> list[pathl
 
     Raises DemoError if there is none, if one is not there yet, if two have one name, or if the
     demo set would go into the folder itself."""
+    if not folder.is_dir():
+        is_file = " is a file; name the folder of the videos." if folder.exists() else ""
+        raise DemoError(f"{folder}:{is_file or ' there is no such folder.'}")
     _require_all_here(folder)
     paths = _videos(folder)
     if not paths:
@@ -74,9 +79,15 @@ def _near(folder: pathlib.Path) -> str:
     for pattern in ("*/meta/info.json", "snapshots/*/meta/info.json"):  # as Hugging Face keeps them
         if found := next(iter(sorted(folder.glob(pattern))), None):
             return f"; a LeRobot dataset is in {found.parent.parent}, which must be named itself."
-    for inner in visible(folder, "*"):
+    inside = visible(folder, "*")
+    for inner in inside:
         if inner.is_dir() and _videos(inner):
             return f"; there are videos in {inner}, which must be named itself."
+    for path in [*inside, *(one for inner in inside for one in visible(inner, "*"))]:
+        if path.suffix.lower() in _PACKED:
+            return f"; {path} is packed, so unpack it."
+        if path.suffix.lower() in _PICTURES:
+            return f"; there are pictures in {path.parent}, of which FFmpeg can make a video."
     return "."
 
 

@@ -39,3 +39,23 @@ def test_a_video_that_has_not_come_yet_is_said(tmp_path, name):
 def test_a_folder_without_videos_says_where_some_are(tmp_path, name, words):
     with pytest.raises(DemoError, match=words):
         videos_in(filled(tmp_path, name), None)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("000.jpg", r"; there are pictures in .*, of which FFmpeg can make a video"),
+        ("a/000.PNG", r"; there are pictures in .*a, of which"),
+        ("videos.zip", r"; .*videos\.zip is packed, so unpack it"),
+    ],
+)
+def test_pictures_and_packed_videos_are_said(tmp_path, name, words):
+    with pytest.raises(DemoError, match=words):
+        videos_in(filled(tmp_path, name), None)
+
+
+def test_a_folder_must_be_one(tmp_path):
+    with pytest.raises(DemoError, match=r"no: there is no such folder"):
+        videos_in(tmp_path / "no", None)
+    with pytest.raises(DemoError, match=r"a\.mp4: is a file; name the folder of the videos"):
+        videos_in(filled(tmp_path, "a.mp4") / "a.mp4", None)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+from fractions import Fraction
 
 import av
 import numpy as np
@@ -184,3 +185,32 @@ def test_human_demonstrations_become_a_demo_set(tmp_path):
     batch = demo_batch(loaded)
     assert batch.center.shape[2] == 7
     assert np.asarray(batch.is_robot).sum(1).tolist() == [1, 1]
+
+
+def test_lengths_are_those_of_pictures_as_they_are_shown(tmp_path):
+    """Of pixels that are half as wide as high: what moves as far to the right as down in pixels
+    goes half as far to the right."""
+
+    def narrow(stream):
+        stream.codec_context.sample_aspect_ratio = Fraction(1, 2)
+
+    odd_videos.encoded(tmp_path / "a.mp4", frames=20, prepare=narrow)
+    rows = [
+        (t, name, x, y, x + 8, y + 8, 1, "")
+        for t in range(20)
+        for name, x, y in (("cup", 2 * t, t), ("hand", 40, 2))
+    ]
+    kitchen_films.write_csv(tmp_path / "a.csv", rows)
+    made = import_videos(tmp_path, robot=["hand"])
+    way = made[0].tracks.center[-1, 0] - made[0].tracks.center[0, 0]
+    np.testing.assert_allclose(way, [2 * 19 / 64, -2 * 19 / 64], atol=1e-6)
+    np.testing.assert_allclose(made[0].tracks.size[0, 0], [8 / 64, 16 / 64], atol=1e-6)
+    assert made[0].frames.shape[1:3] == (96, 64)
+    assert "a: pixels are 0.5 times as wide as high; boxes count the stored 64 x 48" in made.notes
+
+
+def test_a_video_shorter_than_a_step_is_refused(tmp_path):
+    write_video(tmp_path / "a.mp4", [np.zeros((48, 64, 3), np.uint8)] * 2, 240.0)
+    kitchen_films.write_csv(tmp_path / "a.csv", [(0, "cup", 1, 1, 9, 9, 1, "")])
+    with pytest.raises(DemoError, match=r"a\.mp4: a lasts 0\.0042 s, but must last a step of the"):
+        import_videos(tmp_path)

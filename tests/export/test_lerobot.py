@@ -254,3 +254,23 @@ def test_what_is_wrong_with_a_dataset_is_a_sentence(tmp_path, monkeypatch):
 
 def _missing(name):
     raise ImportError(name)
+
+
+def test_clocks_and_numbers_of_a_dataset_that_are_wrong_are_refused(tmp_path):
+    folder = tmp_path / "data"
+    dataset(folder)
+    where = folder / "meta" / "info.json"
+    info = json.loads(where.read_text())
+    where.write_text(json.dumps(info | {"fps": 30}))
+    with pytest.raises(DemoError, match=r"has 10 frames a second, but .*info\.json says fps 30"):
+        lerobot.films(lerobot.opened(folder), CAMERA)
+    where.write_text(json.dumps(info | {"codebase_version": "v2.1", "chunks_size": 0}))
+    (folder / "meta" / "episodes.jsonl").write_text('\n{"episode_index": 0}\n\n')
+    with pytest.raises(DemoError, match="chunks_size must be a whole number from 1, not '0'"):
+        lerobot.films(lerobot.opened(folder), CAMERA)
+
+
+def test_a_dataset_without_boxes_is_said(tmp_path):
+    found = dataset(tmp_path / "data", feature=False)
+    with pytest.raises(DemoError, match=r"the dataset has no boxes; .* boxes/episode_000000\.csv"):
+        lerobot.boxes_in(found)(lerobot.films(found, CAMERA)[0])

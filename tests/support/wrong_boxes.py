@@ -37,7 +37,7 @@ WRONG = {
     ),
     "CSV, endless cell": ("a.csv", f'{HEAD}\n0,"{"x" * 200_000}\n', "line 2: not CSV text"),
     "MOT with 5 columns": ("a.txt", "1,1,1,1,9,9,1,cup\n1,2,3,4,5\n", "line 2: 5 columns"),
-    "MOT from 0": ("a.txt", "0,1,1,1,9,9,1,cup\n", "line 1: frame must be a whole number from 1"),
+    "MOT from -1": ("a.txt", "-1,1,1,1,9,9,1,cup\n", "line 1: frame must be a whole number from 0"),
     "MOT without names": ("a.txt", "1,1,1,1,9,9,1,3\n", "class 3 is a number"),
     "MOT of no width": ("a.txt", "1,1,1,1,0,9,1,cup\n", "line 1: a box needs x_min < x_max"),
     "XML with entities": ("a.xml", ENTITIES, "line 1: a document type is not allowed"),

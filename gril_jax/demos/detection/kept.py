@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from gril_jax.demos.formats.lines import COLUMNS, csv_boxes
-from gril_jax.demos.formats.record import Box, Film
+from gril_jax.demos.formats.record import Box, Film, box, read_text, whole
+from gril_jax.demos.formats.table import COLUMNS
 from gril_jax.demos.schema import digest
 from gril_jax.demos.vision.timed import frames_of
 from gril_jax.errors import DemoError
@@ -67,7 +67,7 @@ class Kept:
         for film in films:
             path = self.folder / f"{film.name}.csv"
             if self._videos.get(film.name) == self._of(film) and path.is_file():
-                found[film.name] = csv_boxes(path, film)
+                found[film.name] = _read(path, film)
             else:
                 rows = []
                 for row in self._rows(film):
@@ -107,6 +107,18 @@ class Kept:
         except OSError:  # a disk to be read only, or a full one: boxes are found again next time
             with contextlib.suppress(OSError):
                 path.unlink()
+
+
+def _read(path: Path, film: Film) -> list[Box]:
+    found = []
+    for line, row in enumerate(csv.reader(read_text(path).splitlines()[1:]), 2):
+        where = f"{path}, line {line}"
+        if len(row) != len(_HEAD):
+            raise DemoError(f"{where}: is damaged; delete {path}, and boxes are detected again.")
+        frame, name, *edges, score = row
+        number = whole(frame, "frame", where, least=0)
+        found.append(box(film, number, name, edges, where, confidence=score))
+    return found
 
 
 def _rounded(one: Sighting) -> list[float]:

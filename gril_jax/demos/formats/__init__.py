@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gril_jax.errors import DemoError
 
-from . import coco, cvat, label_studio, lines, yolo
+from . import coco, cvat, label_studio, lines, table, yolo
 from .names import there
 from .record import Box, Film, read_text
 
@@ -20,6 +20,7 @@ Reader = Callable[[Path, Film], list[Box]]
 _BEGINS = {"<": cvat.read, "{": coco.read, "[": label_studio.read}
 _SUFFIXES = (".csv", ".txt", ".xml", ".json")
 _TOGETHER = ("annotations.json", "annotations.xml")
+_PACKED = (".zip", ".gz", ".7z", ".tar", ".tar.gz", ".tgz", ".rar")
 _HEAD = 4096  # letters from which a format is told
 
 
@@ -34,11 +35,15 @@ def file_of(film: Path) -> Path:
     beside = [there(film.with_suffix(suffix)) for suffix in _SUFFIXES]
     folder = there(film.with_suffix(""))
     inside = folder / "gt" / "gt.txt"
-    places = [*beside, inside if inside.exists() else folder]
-    found = [path for path in places if path.exists() or path.is_symlink()]
+    found = [path for path in beside if path.exists() or path.is_symlink()]
+    if inside.exists():
+        found.append(inside)
+    elif folder.is_dir() and (yolo.is_folder(folder) or not found):  # not one of pictures
+        found.append(folder)
     if not found:
-        found = [path for name in _TOGETHER if (path := film.parent / name).exists()]
+        found = [path for name in _TOGETHER if (path := there(film.parent / name)).exists()]
     if not found:
+        _require_unpacked(film)
         listed = ", ".join(path.name for path in beside)
         raise DemoError(
             f"{film}: no boxes are beside the video: they must be one of {listed}, a folder "
@@ -52,6 +57,15 @@ def file_of(film: Path) -> Path:
     return found[0]
 
 
+def _require_unpacked(film: Path) -> None:
+    """Raises DemoError if the boxes are there, but packed."""
+    names = [film.stem, *(film.stem + suffix for suffix in _SUFFIXES), film.name, "annotations",
+             *_TOGETHER]  # fmt: skip
+    for name in (name + ending for name in names for ending in _PACKED):
+        if (path := there(film.parent / name)).exists():
+            raise DemoError(f"{path}: the boxes of {film.name} are packed; unpack this file.")
+
+
 def reader(path: Path) -> Reader:
     """The reader of a file's format."""
     if path.is_dir():
@@ -59,8 +73,8 @@ def reader(path: Path) -> Reader:
     head = read_text(path)[:_HEAD]
     if not head.strip():
         raise DemoError(f"{path}: the boxes file is empty.")
-    if lines.is_csv(head):
-        return lines.read_csv
+    if table.is_csv(head):
+        return table.read_csv
     if known := _BEGINS.get(head.lstrip()[0]):
         return known
     if yolo.is_yolo(head):
@@ -72,6 +86,6 @@ def reader(path: Path) -> Reader:
         return lines.read_mot
     raise DemoError(
         f"{path}, line 1: the format of the boxes is not known; it must be CSV with the columns "
-        f"{','.join(lines.COLUMNS)}, MOTChallenge text, CVAT for video, or JSON of COCO or "
+        f"{','.join(table.COLUMNS)}, MOTChallenge text, CVAT for video, or JSON of COCO or "
         "Label Studio."
     )

@@ -82,7 +82,7 @@ def number_in(name: str) -> int | None:
     >>> number_in("a/img_12.jpg"), number_in("a_mp4-0007_jpg.rf.3f2a91bc.jpg"), number_in("a.jpg")
     (12, 7, None)
     """
-    digits = re.search(r"(\d+)\D*$", _bare(name).rsplit("/", 1)[-1])
+    digits = re.search(r"(\d+)\D*$", bare(name).rsplit("/", 1)[-1])
     return int(digits[1]) if digits and len(digits[1]) < 19 else None
 
 
@@ -92,7 +92,7 @@ def series_of(name: str) -> str:
     >>> series_of("kitchen/a_12.jpg"), series_of("12.jpg")
     ('kitchen/a_', '')
     """
-    return re.sub(r"\d+\D*$", "", _bare(name))
+    return re.sub(r"\d+\D*$", "", bare(name))
 
 
 def natural(name: str) -> list[str | int]:
@@ -105,6 +105,11 @@ def natural(name: str) -> list[str | int]:
     return [int(part) if n % 2 else part for n, part in enumerate(parts)]
 
 
-def _bare(name: str) -> str:
+def bare(name: str) -> str:
+    """A picture's file name without its ending, and without what Roboflow writes after it.
+
+    >>> bare("a_mp4-0007_jpg.rf.3f2a91bc.txt")
+    'a_mp4-0007'
+    """
     stem = name.replace("\\", "/").rsplit(".", 1)[0] if "." in name else name
     return _ROBOFLOW.sub("", stem)

@@ -27,10 +27,19 @@ class _Image(NamedTuple):
 def read(path: Path, film: Film) -> list[Box]:
     """The boxes of a file."""
     tree = load(path)
+    if isinstance(tree, dict) and not {*tree} & {"categories", "images"}:
+        raise DemoError(
+            f"{path}: the field 'categories' is missing, as are images, so this JSON is not of "
+            "COCO or Label Studio; export one of these."
+        )
     names = {}
     for n, one in enumerate(field(tree, "categories", list, str(path))):
         where = f"{path}, category {n}"
-        names[field(one, "id", int, where)] = field(one, "name", str, where)
+        ident, name = field(one, "id", int, where), field(one, "name", str, where)
+        if names.setdefault(ident, name) != name:
+            raise DemoError(
+                f"{where}: id {ident} is {names[ident]!r:.60} before, and {name!r:.60}."
+            )
     video = _video(field(tree, "videos", list, str(path), []), path, film)
     images = field(tree, "images", list, str(path))
     own = _images(images, video, path, film)
@@ -50,16 +59,22 @@ def read(path: Path, film: Film) -> list[Box]:
     if not found:
         return checked([], path, film)
     # Tools that count from 0 do so in each video.
-    zero = any(one.get("frame_id", one.get("frame_index")) == 0 for one in images)
-    frames = _frames(own, zero, path, film)
+    zero = any(_number(one) == 0 for one in images)
+    frames, first = _frames(own, zero, path, film)
     boxes = [
         box(film, frames[image], name, edges, where, confidence=one.get("score", 1.0),
-            track=_track(one))
+            track=_track(one), first=first)
         for image, name, edges, where, one in found
     ]  # fmt: skip
     # A frame without boxes was looked at, too.
     require_whole(path, film, frames.values(), "list an image of the last frame")
     return checked(boxes, path, film)
+
+
+def _number(image: dict[str, Any]) -> Any:
+    """The number of an image's frame, under the name that its tool gives it."""
+    found = (image.get(name) for name in ("frame_id", "frame_index", "frame_number"))
+    return next((number for number in found if number is not None), None)
 
 
 def _track(annotation: dict[str, Any]) -> Any:
@@ -104,12 +119,12 @@ def _images(images: list[Any], video: int | None, path: Path, film: Film) -> lis
         where = f"{path}, image {n}"
         ident = field(one, "id", int, where)
         if video is None or one.get("video_id") == video:
-            given = one.get("frame_id", one.get("frame_index"))
+            given = _number(one)
             own.append((_Image(ident, given, str(one.get("file_name", "")), where), one))
     own = own if video is not None else _of_folder(own, path, film)
     for image, one in own:
         for side, pixels in (("width", film.width), ("height", film.height)):
-            if one.get(side, pixels) != pixels:
+            if (one.get(side) or pixels) != pixels:
                 raise DemoError(
                     f"{image.where}: the {side} is {one[side]!r:.60}, but {film.path.name} is "
                     f"{film.width} x {film.height} pixels."
@@ -131,7 +146,7 @@ def _of_folder(own: list, path: Path, film: Film) -> list:
         names = [*series]
         return [pair for n in several for pair in series[names[n]]]
     unnumbered = all(number_in(image.name) is None for image, _ in own)
-    if unnumbered or len(own) == len(film.times):
+    if unnumbered or len(own) == len(film.times) or len(series) == len(own):
         return own
     listed = ", ".join(name or "images without a folder" for name in series)[:200]
     raise DemoError(
@@ -140,8 +155,8 @@ def _of_folder(own: list, path: Path, film: Film) -> list:
     )
 
 
-def _frames(own: list[_Image], zero: bool, path: Path, film: Film) -> dict[int, int]:
-    """The frame of each image of the video, by the image's id."""
+def _frames(own: list[_Image], zero: bool, path: Path, film: Film) -> tuple[dict[int, int], int]:
+    """The frame of each image of the video, by the image's id, and the first frame's number."""
     given = [image for image in own if image.given is not None]
     if given and len(given) < len(own):
         lacks = next(image for image in own if image.given is None)
@@ -159,7 +174,7 @@ def _frames(own: list[_Image], zero: bool, path: Path, film: Film) -> dict[int, 
                 "several videos, `videos` must name them."
             )
         frames[at] = image.ident
-    return {ident: at - first for at, ident in frames.items()}
+    return {ident: at - first for at, ident in frames.items()}, first
 
 
 def _by_name(own: list[_Image], path: Path, film: Film) -> tuple[list[int], int]:

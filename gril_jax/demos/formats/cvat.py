@@ -1,9 +1,10 @@
 """CVAT for video 1.1: XML with a `<track label>` an object and a `<box frame>` a frame.
 
 CVAT writes a box for every frame, interpolated between those that a person drew; `outside="1"`
-means that it cannot be seen. A project's file has the tracks of several tasks, each of one video;
-a video's are those of the task of its name. A document type is refused: with it, a few lines of XML
-could name other files, or unpack to more than fits into memory.
+means that it cannot be seen. Of a file with key frames alone, boxes lie on lines between them. A
+project's file has the tracks of several tasks, each of one video; a video's are those of the task
+of its name. A document type is refused: with it, a few lines of XML could name other files, or
+unpack to more than fits into memory.
 """
 
 import math
@@ -15,6 +16,7 @@ from xml.parsers import expat
 from gril_jax.errors import DemoError
 
 from .clock import require_all_seen
+from .key_frames import Key, between
 from .names import best
 from .record import Box, Film, box, checked, number, read_text, whole
 
@@ -50,14 +52,19 @@ def read(path: Path, film: Film) -> list[Box]:
     if own is not None:
         _require_length(film, reader.tasks[own], path)
     several = len(reader.tasks) > 1
-    boxes = [
-        _box(film, one) for one in reader.boxes if not several or _task_of(one, reader.tasks) == own
-    ]
+    seen = [one for one in reader.boxes if not several or _task_of(one, reader.tasks) == own]
+    boxes = [_box(film, one) for one in seen]
     if own is not None:
         _require_steps(boxes, reader.tasks[own], path)
     if own is None or _last(reader.tasks[own], path) < len(film.times) - 1:
         require_all_seen(path, film, boxes)
-    return checked(boxes, path, film)
+    tracks: dict[int, list[Key]] = {}
+    for one, each in zip(seen, boxes, strict=True):
+        tracks.setdefault(id(one.track), []).append(Key(each.frame, each))
+    for one in reader.hidden:
+        frame = whole(one.fields.get("frame"), "frame", one.where, least=0)
+        tracks.setdefault(id(one.track), []).append(Key(frame, None))
+    return checked(boxes + between(film, [*tracks.values()]), path, film)
 
 
 def _task(reader: "_Reader", path: Path, film: Film) -> int | None:
@@ -126,10 +133,15 @@ def _last(task: dict[str, str], path: Path) -> int:
 
 
 def _require_steps(boxes: list[Box], task: dict[str, str], path: Path) -> None:
-    """Raises DemoError if a task of every so many frames has boxes of others."""
+    """Raises DemoError if a task of every so many frames, or of a part, has boxes of others."""
     found = re.fullmatch(r"step\s*=\s*(\d{1,6})", task.get("frame_filter", "").strip())
     step = int(found[1]) if found else 1
     first = whole(task.get("start_frame") or 0, "start_frame", str(path), least=0)
+    if early := [one for one in boxes if one.frame < first]:
+        raise DemoError(
+            f"{early[0].where}: a box of frame {early[0].frame}, but the task begins at frame "
+            f"{first}; frames must be numbered as in the video."
+        )
     if step > 1 and (wrong := [one for one in boxes if (one.frame - first) % step]):
         raise DemoError(
             f"{wrong[0].where}: a box of frame {wrong[0].frame}, but the task has one frame in "
@@ -145,7 +157,8 @@ def _box(film: Film, one: _Seen) -> Box:
     edges = _upright([number(fields[key], key, where) for key in _EDGES],
                      number(fields.get("rotation", 0), "rotation", where))  # fmt: skip
     label, track = one.track.get("label"), one.track.get("id")
-    return box(film, frame, label, edges, where, track=track)
+    drawn = one.track.get("source", "manual") == "manual"  # and not by a detector
+    return box(film, frame, label, edges, where, track=track, drawn=drawn)
 
 
 def _upright(edges: list[float], rotation: float) -> list[float]:
@@ -166,13 +179,14 @@ class _Reader:
     def __init__(self, path: Path):
         self.path = path
         self.boxes: list[_Seen] = []
+        self.hidden: list[_Seen] = []  # at a frame where an object goes out of sight
         self.tasks: list[dict[str, str]] = []
         self.sizes: list[tuple[str, int | None, str, str]] = []  # side, task, text, where
         self.annotations = False
         self.track: dict[str, str] | None = None
         self.inside: list[str] = []
         self.text = ""
-        self.parser = expat.ParserCreate()
+        self.parser = expat.ParserCreate("utf-8")  # whatever the file says: it is text by now
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.CharacterDataHandler = self._said
@@ -206,8 +220,8 @@ class _Reader:
                 f"{self.where}: a <{name}> of {self.track.get('label')!r:.60} is in a box's place; "
                 "draw rectangles."
             )
-        if name == "box" and drawn:
-            self.boxes.append(_Seen(self.track, fields, self.where))
+        if name == "box" and self.track is not None:
+            (self.boxes if drawn else self.hidden).append(_Seen(self.track, fields, self.where))
 
     def _said(self, text: str) -> None:
         if "meta" in self.inside or self.inside[-2:-1] == ["original_size"]:

@@ -53,6 +53,11 @@ def _task(tasks: list[Any], path: Path, film: Film) -> tuple[Any, int]:
     """The task of a video, and its place."""
     names = []
     for n, task in enumerate(tasks):
+        if not isinstance(task, dict) or "data" not in task:
+            raise DemoError(
+                f"{path}, task {n}: has no data, so it is not of Label Studio's JSON; export that, "
+                "and not JSON-MIN, or COCO with its images and categories."
+            )
         data = field(task, "data", dict, f"{path}, task {n}")
         names.append([value for value in data.values() if isinstance(value, str)])
     found = best(film.path, names)
@@ -119,7 +124,8 @@ def _boxes(result: Any, film: Film, where: str) -> Iterator[Box]:
         one, after = keys[at], keys[min(at + 1, len(keys) - 1)]
         share = (moment - one.frame) / max(after.frame - one.frame, 1) if one.enabled else 0.0
         edges = [a + share * (b - a) for a, b in zip(one.edges, after.edges, strict=True)]
-        yield box(film, now, labels[0], edges, one.where, track=result.get("id"))
+        yield box(film, now, labels[0], edges, one.where, track=result.get("id"),
+                  drawn=True)  # fmt: skip
 
 
 def _clock(value: Any, film: Film, where: str) -> tuple[Sequence[float], int]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from gril_jax.demos.folders import visible
 from gril_jax.demos.formats import file_of, reader
-from gril_jax.demos.formats.record import Box, Film, box, checked, field, load, read_text
+from gril_jax.demos.formats.record import Box, Film, box, checked, field, load, read_text, whole
 from gril_jax.demos.vision.timed import look, part
 from gril_jax.errors import ConfigError, DemoError
 
@@ -29,6 +29,7 @@ _VERSIONS = ("v3.0", "v2.1")
 _WHERE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 _BOXES = "boxes"  # how a feature's name ends, and the folder of files
 _SLACK = 0.01  # share of an episode's rows by which its video may be longer or shorter
+_OFF = 0.02  # share by which the rates of the videos and of the dataset may differ
 _POINTER = b"version https://git-lfs.github.com/"
 
 
@@ -98,6 +99,8 @@ def _lines(file: Path) -> list[dict[str, Any]]:
     found = []
     for number, line in enumerate(read_text(file).splitlines(), 1):
         where = f"{file}, line {number}"
+        if not line.strip():
+            continue
         try:
             row = json.loads(line)
         except ValueError:
@@ -130,24 +133,36 @@ def camera_of(dataset: Dataset, camera: str | None) -> str:
 
 def films(dataset: Dataset, camera: str) -> list[Film]:
     """The video of each episode."""
-    found, whole, of = [], {}, f"videos/{camera}/"
+    found, files, of = [], {}, f"videos/{camera}/"
     for row in episodes(dataset):
         if not dataset.packed:
             number = row["episode_index"]
             values = {"video_key": camera, "episode_index": number}
-            chunk = number // int(dataset.info.get("chunks_size", 1000))
-            path = _film_file(dataset, values | {"episode_chunk": chunk})
-            found.append(look(path)._replace(title=title_of(number)))
+            size = whole(
+                dataset.info.get("chunks_size", 1000), "chunks_size", dataset.where, least=1
+            )
+            path = _film_file(dataset, values | {"episode_chunk": number // size})
+            found.append(_require_rate(dataset, look(path))._replace(title=title_of(number)))
             continue
         if lacks := [key for key in _WHERE if not isinstance(row.get(of + key), int | float)]:
             raise DemoError(f"{dataset.folder}: its episodes lack {of}{lacks[0]}.")
         number, places = row["episode_index"], {key: row[of + key] for key in _WHERE[:2]}
         path = _film_file(dataset, places | {"video_key": camera, "episode_index": number})
-        if path not in whole:
-            whole[path] = look(path)
+        if path not in files:
+            files[path] = _require_rate(dataset, look(path))
         begin, end = row[f"{of}from_timestamp"], row[f"{of}to_timestamp"]
-        found.append(part(whole[path], begin, end, title_of(number)))
+        found.append(part(files[path], begin, end, title_of(number)))
     return found
+
+
+def _require_rate(dataset: Dataset, film: Film) -> Film:
+    """The video; a DemoError if its rate is not the dataset's, so that one clock is wrong."""
+    if abs(film.fps / dataset.fps - 1) > _OFF:
+        raise DemoError(
+            f"{film.path}: has {film.fps:.4g} frames a second, but {dataset.where} says fps "
+            f"{dataset.fps:g}; correct the one that is wrong."
+        )
+    return film
 
 
 def title_of(number: int) -> str:
@@ -183,6 +198,11 @@ def boxes_in(dataset: Dataset):
     if not named:
 
         def beside(film: Film) -> list[Box]:
+            if not (dataset.folder / _BOXES).is_dir():
+                raise DemoError(
+                    f"{dataset.folder}: the dataset has no boxes; there must be a feature whose "
+                    f"name ends in {_BOXES!r}, or files such as {_BOXES}/{film.name}.csv."
+                )
             path = file_of(dataset.folder / _BOXES / f"{film.name}.mp4")
             return reader(path)(path, film)
 

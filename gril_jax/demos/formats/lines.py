@@ -1,9 +1,11 @@
-"""Boxes as lines of text: our own CSV, and MOTChallenge, which numbers classes.
+"""Boxes as lines of numbers, MOTChallenge's text, and the names of numbered classes.
 
 A names file beside the boxes or the video has the name of a class in each line.
 """
 
-import csv
+import configparser
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from gril_jax.errors import DemoError
@@ -12,77 +14,28 @@ from .clock import require_all_seen
 from .names import class_name, there
 from .record import Box, Film, box, checked, is_number, number, read_text, whole
 
-COLUMNS = ("frame", "class", "x_min", "y_min", "x_max", "y_max")
-_ALSO = {
-    "frame_index": "frame", "frame_number": "frame", "class_name": "class", "tracker_id": "track",
-    "track_id": "track",
-}  # fmt: skip
 _LEAST = 6  # columns, without confidence and class
+_NONE = ("", "nan", "none", "null", "na", "n/a")  # what tools write where there is no number
 FILES = ("names.txt", "classes.txt", "labels.txt", "obj.names")
+_NUMBERED = re.compile(r"(\d+)\s*[:=,;)\s]\s*\S")  # a name with its number before it
 
 
-def is_csv(text: str) -> bool:
-    """True for a first line that has the columns."""
-    cells = [cell.strip().strip('"') for cell in text.split("\n", 1)[0].split(",")]
-    return {"frame", "class"} <= {*_columns(cells)}
+def is_said(cells: Sequence[str]) -> bool:
+    """True for the cells of a line that is neither empty nor a comment."""
+    return any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#")
 
 
-def _columns(header: list[str]) -> list[str]:
-    """Column names as ours; another tool's name counts where ours is not there."""
-    return [cell if _ALSO.get(cell, cell) in header else _ALSO.get(cell, cell) for cell in header]
-
-
-def read_csv(path: Path, film: Film) -> list[Box]:
-    """The boxes of our own CSV: a line of column names, then a box a line.
-
-        frame,class,x_min,y_min,x_max,y_max,confidence,track
-        0,cup,317,295,371,349,0.93,4
-
-    Columns come in any order; the last two may miss, and others are ignored. Several boxes of a
-    class in a frame are several objects; without the column `track` they are told apart by where
-    they are. The names that the sink of `supervision` gives its columns are known, too.
-    """
-    return checked(require_all_seen(path, film, csv_boxes(path, film)), path, film)
-
-
-def csv_boxes(path: Path, film: Film) -> list[Box]:
-    """The boxes of our own CSV as they stand there, which may be none."""
-    rows = csv.reader(read_text(path).splitlines())
-    try:
-        header = _columns([cell.strip() for cell in next(rows, [])])
-        if lacks := [column for column in COLUMNS if column not in header]:
-            raise DemoError(
-                f"{path}, line 1: the column {lacks[0]!r} is missing; there must be "
-                f"{','.join(COLUMNS)}."
-            )
-        if twice := [column for column in header if header.count(column) > 1]:
-            raise DemoError(f"{path}, line 1: the column {twice[0]!r:.60} is there twice.")
-        return [
-            _csv_box(path, film, header, row, rows.line_num)
-            for row in rows
-            if row and _columns([cell.strip() for cell in row]) != header  # appended to itself
-        ]
-    except csv.Error as error:
-        raise DemoError(f"{path}, line {rows.line_num}: not CSV text ({error}).") from None
-
-
-def _csv_box(path: Path, film: Film, header: list[str], row: list[str], line: int) -> Box:
-    where = f"{path}, line {line}"
-    if len(row) != len(header):
-        raise DemoError(
-            f"{where}: {len(row)} cells where {len(header)} are needed ({','.join(header)[:200]})."
-        )
-    cells = dict(zip(header, (cell.strip() for cell in row), strict=True))
-    frame = whole(cells["frame"], "frame", where, least=0)
-    edges = [cells[column] for column in COLUMNS[2:]]
-    sure = cells.get("confidence") or 1.0
-    return box(film, frame, cells["class"], edges, where, confidence=sure, track=cells.get("track"))
+def unseen(cells: Sequence[str]) -> bool:
+    """True if no cell has a number, as tools write what they do not see."""
+    return all(cell.strip().lower() in _NONE for cell in cells)
 
 
 def is_mot(text: str) -> bool:
-    """True for a first line of numbers."""
-    cells = _cells(text.lstrip("\n").split("\n", 1)[0])
-    return len(cells) >= _LEAST and all(map(is_number, cells[:_LEAST]))
+    """True if the first line that says something is of numbers."""
+    said = (line for line in text.splitlines() if is_said([line]))
+    cells = _cells(next(said, ""))
+    numbers = [cell for cell in cells[:_LEAST] if is_number(cell) or unseen([cell])]
+    return len(numbers) == _LEAST and is_number(cells[0])
 
 
 def read_mot(path: Path, film: Film) -> list[Box]:
@@ -90,33 +43,61 @@ def read_mot(path: Path, film: Film) -> list[Box]:
 
         frame,id,left,top,width,height,confidence,class,visibility
 
-    Frames count from 1, and pixels from 0, as trackers write them. (In MOTChallenge's own ground
-    truth all boxes lie one pixel to the lower right, as its tools know.) A box with a confidence
-    of 0 does not count, and an id below 0 is none. A class is a name, or a number of the names
-    file. Its first line is class 1, or class 0 if a box is of class 0.
+    Frames count from 1, or from 0 if one is 0, and pixels from 0, as trackers write them. (In
+    MOTChallenge's own ground truth all boxes lie one pixel to the lower right, as its tools know.)
+    A box with a confidence of 0 does not count, and an id below 0 is none. A class is a name, or a
+    number of the names file. Its first line is class 1, or class 0 if a box is of class 0.
     """
-    lines = [(n, _cells(x)) for n, x in enumerate(read_text(path).splitlines(), 1) if x.strip()]
-    file, names = names_beside(path, film.path)
-    numbers = [cells[7] for _, cells in lines if len(cells) > 7 and is_number(cells[7])]
-    first = 0 if any(float(text) == 0 for text in numbers) else 1
-    found = []
-    for line, cells in lines:
-        where = f"{path}, line {line}"
+    texts = enumerate(read_text(path).splitlines(), 1)
+    lines = [(f"{path}, line {n}", _cells(text)) for n, text in texts if is_said([text])]
+    _require_sequence(path, film)
+    for where, cells in lines:
         if len(cells) < _LEAST:
             raise DemoError(
                 f"{where}: {len(cells)} columns, but there must be frame, id, left, top, width, "
                 "height, confidence, class."
             )
-        frame = whole(cells[0], "frame", where, least=1) - 1
-        sure = number(cells[6], "confidence", where) if len(cells) > 6 else 1.0
-        if sure == 0:
+    frames = [whole(cells[0], "frame", where, least=0) for where, cells in lines]
+    begin = 0 if 0 in frames else 1
+    file, names = names_beside(path, film.path)
+    numbers = [cells[7] for _, cells in lines if len(cells) > 7 and is_number(cells[7])]
+    first = 0 if any(float(text) == 0 for text in numbers) else 1
+    found = []
+    for frame, (where, cells) in zip(frames, lines, strict=True):
+        told = len(cells) > 6 and not unseen(cells[6:7])
+        sure = number(cells[6], "confidence", where) if told else 1.0
+        if sure == 0 or unseen(cells[2:6]):
             continue
         left, top, width, height = (number(x, "a box", where) for x in cells[2:6])
         edges = (left, top, left + width, top + height)
         name = _class_of(cells[7] if len(cells) > 7 else "-1", first, names, file, where)
         number(cells[1], "id", where)
-        found.append(box(film, frame, name, edges, where, confidence=sure, track=cells[1]))
+        found.append(
+            box(film, frame - begin, name, edges, where, first=begin, confidence=sure,
+                track=cells[1])
+        )  # fmt: skip
     return checked(require_all_seen(path, film, found), path, film)
+
+
+def _require_sequence(path: Path, film: Film) -> None:
+    """Raises DemoError if the seqinfo.ini of a MOTChallenge folder is of another video."""
+    about = path.parent.parent / "seqinfo.ini"
+    if path.parent.name != "gt" or not about.is_file():
+        return
+    parser = configparser.ConfigParser(interpolation=None)
+    try:
+        parser.read_string(read_text(about))
+    except configparser.Error as error:
+        said = str(error).splitlines()[0]
+        raise DemoError(f"{about}: not the text of a MOTChallenge sequence ({said}).") from None
+    said = {key: text for name in parser.sections() for key, text in parser[name].items()}
+    true = {"seqlength": len(film.times), "imwidth": film.width, "imheight": film.height}
+    for key, count in true.items():
+        if key in said and whole(said[key], key, str(about), least=0) != count:
+            raise DemoError(
+                f"{about}: {key} is {said[key]}, but {film.path.name} has {len(film.times)} frames "
+                f"of {film.width} x {film.height} pixels; the boxes must be of this very video."
+            )
 
 
 def _cells(line: str) -> list[str]:
@@ -145,18 +126,31 @@ def names_beside(path: Path, film: Path) -> tuple[Path | None, list[str]]:
 
 
 def names_in(file: Path) -> list[str]:
-    """The names of a file, one a line; a DemoError if one comes twice."""
+    """The names of a file, one a line; a DemoError if one comes twice or a line is empty."""
+    lines = read_text(file).rstrip().splitlines()
     found: dict[str, int] = {}
-    for at, line in enumerate(read_text(file).splitlines(), 1):
+    for at, line in enumerate(lines, 1):
+        where = f"{file}, line {at}"
         if not line.strip():
             continue
-        name = class_name(line, f"{file}, line {at}")
+        name = class_name(line, where)
         if name in found:
             raise DemoError(
-                f"{file}, line {at}: {name!r} stands in line {found[name]}, too, but each "
-                "class needs a name of its own."
+                f"{where}: {name!r} stands in line {found[name]}, too, but each class needs a name "
+                "of its own."
             )
         found[name] = at
+    if empty := [at for at, line in enumerate(lines, 1) if not line.strip()]:
+        raise DemoError(
+            f"{file}, line {empty[0]}: the line is empty, so the numbers of the classes after it "
+            "are not known."
+        )
+    numbered = [_NUMBERED.match(name) for name in found]
+    if numbered and all(numbered) and int(numbered[0][1]) < 2:
+        raise DemoError(
+            f"{file}, line 1: {next(iter(found))!r} is a number and a name, but a line must be the "
+            "name alone; the first is class 0 of YOLO, and class 1 of MOTChallenge."
+        )
     return [*found]
 
 

@@ -74,10 +74,18 @@ def best(film: Path, named: Sequence[Iterable[str]]) -> list[int]:
 
 
 def there(path: Path) -> Path:
-    """The path, or the one beside it whose name is the same in another Unicode form."""
+    """The path, or the one beside it whose name differs in its Unicode form, or else in capitals
+    alone, as on a Mac's or Windows' disk."""
     if path.exists() or path.is_symlink() or not path.parent.is_dir():
         return path
-    name = composed(path.name)
-    if name.isascii():
-        return path
-    return next((one for one in sorted(path.parent.iterdir()) if composed(one.name) == name), path)
+    beside = sorted(path.parent.iterdir())
+    for form in (composed, folded):
+        name = form(path.name)
+        if found := next((one for one in beside if form(one.name) == name), None):
+            return found
+    return path
+
+
+def folded(name: str) -> str:
+    """A name without regard to its Unicode form and to capitals."""
+    return composed(composed(name).casefold())

@@ -4,6 +4,7 @@ Frames count from 0; edges are pixels of the video as it is shown, from its top 
 Whatever does not fit is a `DemoError` that begins with the file and the line.
 """
 
+import codecs
 import json
 import math
 import os
@@ -38,6 +39,7 @@ class Film(NamedTuple):
     title: str | None = None  # the name, if it is not that of the file
     note: str | None = None  # a sentence on its time stamps, if they had to be repaired
     first: float = 0.0  # seconds into the file at which its first frame is shown
+    aspect: float = 1.0  # width of a pixel in its heights, as it is shown
 
     @property
     def name(self) -> str:
@@ -60,19 +62,22 @@ class Box(NamedTuple):
     confidence: float = 1.0
     track: str | None = None  # identity, within the video; None where the tool gives none
     where: str = ""  # file and line
+    drawn: bool = False  # by a person, who takes no object for another one
 
 
 def read_text(path: Path) -> str:
-    """A file's text; a DemoError if it is no regular file, not UTF-8, or beyond 256 MiB."""
+    """A file's text; a DemoError if it is no regular file, not Unicode, or beyond 256 MiB."""
     if not path.is_file():  # a pipe or a device would never end
         raise DemoError(f"{path}: the boxes file cannot be read (no regular file).")
     try:
         if os.path.getsize(path) > _BYTES:
             raise DemoError(f"{path}: the boxes file is larger than 256 MiB.")
-        return path.read_text(encoding="utf-8-sig")
+        with open(path, "rb") as file:  # what PowerShell and spreadsheets write begins so
+            wide = file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        return path.read_text(encoding="utf-16" if wide else "utf-8-sig")
     except OSError as error:
         raise DemoError(f"{path}: the boxes file cannot be read ({error.strerror}).") from error
-    except UnicodeDecodeError as error:
+    except UnicodeError as error:
         raise DemoError(f"{path}: the boxes file is not text in UTF-8.") from error
 
 
@@ -132,12 +137,15 @@ def box(
     *,
     confidence: Any = 1.0,
     track: Any = None,
+    first: int = 0,
+    drawn: bool = False,
 ) -> Box:
-    """A checked box; `edges` are x_min, y_min, x_max, y_max."""
+    """A checked box; `edges` are x_min, y_min, x_max, y_max, and `first` is the number that the
+    file gives the first frame."""
     if frame >= len(film.times):
         raise DemoError(
-            f"{where}: frame {frame} is beyond {film.name}, whose {len(film.times)} frames "
-            f"count from 0 to {len(film.times) - 1}."
+            f"{where}: frame {frame + first} is beyond {film.name}, whose {len(film.times)} frames "
+            f"count from {first} to {len(film.times) - 1 + first}."
         )
     places = ("x_min", "y_min", "x_max", "y_max")
     low_x, low_y, high_x, high_y = (
@@ -156,7 +164,7 @@ def box(
             )
     sure = number(confidence, "confidence", where)
     return Box(frame, class_name(name, where), (low_x, low_y, high_x, high_y), sure,
-               identity(track), where)  # fmt: skip
+               identity(track), where, drawn)  # fmt: skip
 
 
 def alike(one: Box, other: Box) -> bool:

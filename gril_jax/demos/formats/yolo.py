@@ -6,11 +6,20 @@ from pathlib import Path
 from gril_jax.demos.folders import visible
 from gril_jax.errors import DemoError
 
-from .clock import require_whole
+from .clock import bare, require_whole
 from .lines import FILES, named, names_beside
 from .record import Box, Film, box, checked, is_number, number, read_text, whole
 
 _TRACK = re.compile(r"-?\d+(\.0*)?")  # whole, or -1 for none
+
+
+def is_folder(path: Path) -> bool:
+    """True for a folder with texts, as of each frame."""
+    return (path / "labels").is_dir() or any(map(_is_text, visible(path, "*")))
+
+
+def _is_text(path: Path) -> bool:
+    return path.suffix.lower() == ".txt" and path.name.lower() not in FILES
 
 
 def is_yolo(text: str) -> bool:
@@ -32,10 +41,8 @@ def read(path: Path, film: Film) -> list[Box]:
     """
     folder = path / "labels" if (path / "labels").is_dir() else path
     files = {}
-    for file in visible(folder, "*.txt"):
-        if file.name in FILES:
-            continue
-        ending = re.search(r"(\d+)$", file.stem)
+    for file in filter(_is_text, visible(folder, "*")):
+        ending = re.search(r"(\d+)$", bare(file.name))
         if ending is None:
             raise DemoError(f"{file}: the name must end with the frame's number.")
         if (frame := int(ending[1])) in files:
@@ -51,8 +58,8 @@ def read(path: Path, film: Film) -> list[Box]:
         for n, line in enumerate(read_text(text).splitlines(), 1)
         if line.strip()
     ]
-    tracks = all(_TRACK.fullmatch(cells[5]) for _, _, cells in rows if len(cells) == 6)
-    found = [_yolo_box(film, *row, names, file, tracks) for row in rows]
+    tracks = _has_tracks(rows)
+    found = [_yolo_box(film, *row, first, names, file, tracks) for row in rows]
     _require_a_text_a_frame(path, film, files, first)
     return checked(found, path, film)
 
@@ -70,7 +77,14 @@ def _require_a_text_a_frame(path: Path, film: Film, files: dict[int, Path], firs
     require_whole(path, film, frames, f"add an empty text of the last frame, {last}.txt")
 
 
-def _yolo_box(film, frame, where, cells, names, file, tracks) -> Box:
+def _has_tracks(rows: list[tuple[int, str, list[str]]]) -> bool:
+    """True if the one further column is an identity: whole numbers, and not a confidence of 1."""
+    further = [(frame, cells[0], cells[5]) for frame, _, cells in rows if len(cells) == 6]
+    certain = {one for *_, one in further} == {"1"} and len({*further}) < len(further)
+    return not certain and all(_TRACK.fullmatch(one) for *_, one in further)
+
+
+def _yolo_box(film, frame, where, cells, first, names, file, tracks) -> Box:
     turned = len(cells) == 7 and not _TRACK.fullmatch(cells[6])
     if turned or (len(cells) > 7 and len(cells) % 2):
         raise DemoError(
@@ -92,4 +106,4 @@ def _yolo_box(film, frame, where, cells, names, file, tracks) -> Box:
     )  # fmt: skip
     track = cells[6] if len(cells) == 7 else cells[5] if len(cells) == 6 and tracks else None
     sure = cells[5] if len(cells) == 7 or (len(cells) == 6 and not tracks) else 1.0
-    return box(film, frame, name, edges, where, confidence=sure, track=track)
+    return box(film, frame, name, edges, where, confidence=sure, track=track, first=first)

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gril_jax.demos.formats.record import Box
+
 from .mending import Mended, mended
 
 _REGULAR = 0.75  # share of the gaps that are one step long, or several
@@ -52,10 +54,13 @@ def mended_between(
     hands: Sequence[int] = (),
     jitter: float | None = None,
     smoothing: int | None = None,
+    drawn: bool = False,
 ) -> Mended:
-    """The repaired boxes of all frames, of which those `at` were annotated; see `mended`."""
+    """The repaired boxes of all frames, of which those `at` were annotated; see `mended`.
+
+    `drawn` boxes are a person's, all of which are believed."""
     step = step_of(at)
-    often = fps / step >= _RATE
+    often = fps / step >= _RATE and not drawn
     if often:  # a detector of every so many frames, which saw nothing in those between
         at = _filled(at, step)
     if jitter is None and not often:
@@ -73,6 +78,12 @@ def mended_between(
         edges=np.stack(lines, axis=1).reshape(edges.shape), seen=_seen(found.seen, at, frames),
         smoothing=smoothed,
     )  # fmt: skip
+
+
+def by_person(boxes: Sequence[Box]) -> bool:
+    """True for boxes that somebody drew, as their tool says, or that have one confidence: those of
+    a detector differ."""
+    return all(one.drawn for one in boxes) or len({one.confidence for one in boxes}) == 1
 
 
 def step_of(at: Int[np.ndarray, "S"]) -> float:

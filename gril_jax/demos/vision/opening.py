@@ -25,6 +25,9 @@ _OBLIQUE = 20  # times that the one pair of a turn's numbers must be larger than
 # By degrees, counter-clockwise: rows and columns exchanged, left and right, top and bottom.
 _TURNS = {0: (0, 0, 0), 90: (1, 0, 1), 180: (0, 1, 1), -180: (0, 1, 1), -90: (1, 1, 0)}
 
+_SQUARE = 0.01  # by which encoders miss 1, where sides are rounded to blocks
+_STRETCHED = 8.0  # from here on a ratio is none that is meant
+
 Opened = tuple[av.container.InputContainer, av.VideoStream]
 
 
@@ -98,6 +101,15 @@ def size_shown(path: pathlib.Path, frame: av.VideoFrame) -> tuple[int, int]:
     """The width and the height of a frame as it is shown."""
     size = frame.width, frame.height
     return size[::-1] if _turn(path, frame)[0] else size
+
+
+def pixel_aspect(path: pathlib.Path, stream: av.VideoStream, frame: av.VideoFrame) -> float:
+    """The width of a pixel in its heights, as it is shown: DV and some cameras store fewer columns
+    than they show."""
+    ratio = float(stream.sample_aspect_ratio or 1)
+    if not 1 / _STRETCHED < ratio < _STRETCHED or abs(ratio - 1) < _SQUARE:
+        return 1.0
+    return 1 / ratio if _turn(path, frame)[0] else ratio
 
 
 def _turn(path: pathlib.Path, frame: av.VideoFrame) -> tuple[int, int, int]:

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int, UInt8
 from gril_jax.demos.formats.record import Film
 from gril_jax.errors import DemoError
 
-from .opening import opened, shown, size_shown
+from .opening import opened, pixel_aspect, shown, size_shown
 from .stamps import frame_times
 
 _WIDEST = 640  # pixels of a kept picture: boxes are not read from it
@@ -33,6 +33,7 @@ def look(path: str | os.PathLike) -> Film:
         if first is None:
             raise DemoError(f"{path}: the video holds no frames.")
         width, height = size_shown(path, first)
+        aspect = pixel_aspect(path, stream, first)
     found, note = frame_times(path, first.pts)
     times = np.array(found)
     if len(times) < 2:
@@ -40,7 +41,12 @@ def look(path: str | os.PathLike) -> Film:
     if times[-1] - times[0] > _LONGEST:
         raise DemoError(f"{path}: lasts {times[-1] - times[0]:.0f} s, but an hour is the most.")
     first_s = float(times[0])
-    return Film(path, (times - first_s).tolist(), width, height, note=note, first=first_s)
+    if aspect != 1:
+        said = f"pixels are {aspect:.3g} times as wide as high; boxes count the stored "
+        said += f"{width} x {height}, and lengths are as they are shown"
+        note = said if note is None else f"{note}; {said}"
+    times_ = (times - first_s).tolist()
+    return Film(path, times_, width, height, note=note, first=first_s, aspect=aspect)
 
 
 def part(film: Film, begin: float, end: float, title: str) -> Film:
@@ -68,6 +74,16 @@ def required_rate(films: Sequence[Film], fps: float) -> float:
             "and a set can have no more than its slowest video."
         )
     return fps
+
+
+def require_a_step(films: Sequence[Film], fps: float) -> None:
+    """Raises DemoError for a video that is shorter than a step of the set."""
+    for film in films:
+        if len(steps(film.times, fps)) < 2:
+            raise DemoError(
+                f"{film.path}: {film.name} lasts {film.times[-1]:.2g} s, but must last a step of "
+                f"the set at least, {1 / fps:.2g} s; leave it out."
+            )
 
 
 def steps(times: Sequence[float], fps: float) -> Float[np.ndarray, "K"]:
@@ -102,7 +118,8 @@ def pictures(film: Film, fps: float) -> UInt8[np.ndarray, "K H W 3"]:
 def frames_of(
     film: Film, widest: int | None = None, *, only: Container[int] | None = None
 ) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
-    """Every frame of a video, turned as it is shown; with `widest` no wider and with even sides.
+    """Every frame of a video, turned as it is shown; with `widest` no wider, with even sides and
+    square pixels.
 
     Those that are not among `only` are one pixel. A DemoError if the video ends before its header
     says so.
@@ -112,7 +129,8 @@ def frames_of(
     size = None
     if widest is not None:
         width = min(film.width, widest) // 2 * 2
-        size = width, max(2, round(film.height * width / film.width / 2) * 2)
+        shown_height = film.height * width / film.width / film.aspect
+        size = width, max(2, round(shown_height / 2) * 2)
     nothing, count = np.zeros((1, 1, 3), np.uint8), 0
     begin = None if film.begin is None else film.begin + film.first
     with opened(film.path) as (container, stream):

@@ -12,12 +12,13 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 import av
+import cv2
 import numpy as np
 from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
 
-from .opening import opened, shown
+from .opening import opened, pixel_aspect, shown
 from .stamps import frame_times
 
 _OPTIONS = {
@@ -86,11 +87,12 @@ def _encode(
 
 
 def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
-    """All frames of a video file, in any usual format, in display order and turned as shown.
+    """All frames of a video file, in any usual format, in display order and as shown: turned, and
+    with square pixels.
 
     A DemoError says if the file is missing, empty, damaged, cut short, no video, or too large for
     the memory."""
-    path, frames, first = pathlib.Path(path), [], None
+    path, frames, first, aspect = pathlib.Path(path), [], None, 1.0
     with opened(path) as (container, stream):
         stream.thread_type = "AUTO"
         for frame in container.decode(stream):
@@ -99,7 +101,8 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
                     f"{path}: its frames need more than half of this machine's memory; "
                     "make the video smaller or shorter."
                 )
-            first = frame.pts if not frames else first
+            if not frames:
+                first, aspect = frame.pts, pixel_aspect(path, stream, frame)
             frames.append(shown(path, frame))
         promised = stream.frames
     if not frames:
@@ -113,6 +116,9 @@ def read_video(path: str | os.PathLike) -> UInt8[np.ndarray, "T H W 3"]:
         )
     if any(frame.shape != frames[0].shape for frame in frames):
         raise DemoError(f"{path}: the frame size changes within the video; it must be constant.")
+    if aspect != 1:
+        size = round(frames[0].shape[1] * aspect), frames[0].shape[0]
+        frames = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in frames]
     return np.stack(frames)
 
 

@@ -213,3 +213,54 @@ def test_a_task_of_cvat_of_another_rate_is_refused(tmp_path, meta, frames, words
 def test_the_boxes_of_a_task_of_cvat_are_of_the_video_s_frames(tmp_path, meta, frames):
     cvat(tmp_path, meta, frames)
     assert frames_of(tmp_path) == [*frames]
+
+
+def test_a_table_and_motchallenge_count_from_0_or_1(tmp_path):
+    csv(tmp_path, range(2, FRAMES + 2))  # 1 to 20
+    assert frames_of(tmp_path) == [*range(FRAMES)]
+    (tmp_path / "a.csv").unlink()
+    mot(tmp_path, range(FRAMES))
+    assert frames_of(tmp_path) == [*range(FRAMES)]
+    mot(tmp_path, range(1, FRAMES + 2))
+    with pytest.raises(DemoError, match="frame 21 is beyond a, whose 20 frames count from 1 to 20"):
+        frames_of(tmp_path)
+
+
+@pytest.mark.parametrize("said", ["seqLength=40", "imWidth=128", "seqLength=20\nimHeight=24"])
+def test_a_sequence_of_motchallenge_must_be_of_this_video(tmp_path, said):
+    (tmp_path / "a" / "gt").mkdir(parents=True)
+    mot(tmp_path / "a" / "gt", range(1, FRAMES + 1))
+    (tmp_path / "a" / "gt" / "a.txt").rename(tmp_path / "a" / "gt" / "gt.txt")
+    about = tmp_path / "a" / "seqinfo.ini"
+    about.write_text(f"[Sequence]\nname=a\nseqLength=20\nimWidth={W}\nimHeight={H}\n")
+    assert frames_of(tmp_path) == [*range(FRAMES)]
+    about.write_text(f"[Sequence]\nname=a\n{said}\n")
+    with pytest.raises(DemoError, match=r"seqinfo\.ini: .* but a\.mp4 has 20 frames of 64 x 48"):
+        frames_of(tmp_path)
+
+
+def test_a_task_of_cvat_has_no_boxes_before_its_first_frame(tmp_path):
+    cvat(tmp_path, "<start_frame>10</start_frame><stop_frame>19</stop_frame>", range(10))
+    with pytest.raises(DemoError, match="a box of frame 0, but the task begins at frame 10"):
+        boxes_of(film(tmp_path))
+
+
+@pytest.mark.parametrize("names", ["{}_cam3.jpg", "frame{}_0.25s.jpg"])
+def test_a_picture_s_number_that_is_not_the_last_in_its_name_is_not_guessed(tmp_path, names):
+    coco(tmp_path, [{"file_name": names.format(t)} for t in range(0, FRAMES, 5)])
+    with pytest.raises(DemoError, match=r"4 images without frame_id are of a\.mp4"):
+        boxes_of(film(tmp_path))
+
+
+def test_a_picture_without_a_size_may_have_a_number_of_another_name(tmp_path):
+    coco(tmp_path, [{"frame_number": t, "width": 0, "height": None} for t in range(0, FRAMES, 5)])
+    assert frames_of(tmp_path) == [0, 5, 10, 15]
+
+
+@pytest.mark.parametrize("ending", ["{}.TXT", "mp4-{}_jpg.rf.0a1b2c.txt", "{}_png.rf.7777.txt"])
+def test_texts_of_yolo_are_numbered_by_roboflow_and_in_capitals_too(tmp_path, ending):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "names.txt").write_text("cup\n")
+    for number in range(FRAMES):
+        (tmp_path / "a" / ("a_" + ending.format(number))).write_text("0 0.5 0.5 0.1 0.1")
+    assert frames_of(tmp_path) == [*range(FRAMES)]

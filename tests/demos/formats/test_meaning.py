@@ -112,3 +112,67 @@ def test_a_box_that_is_written_twice_is_one(tmp_path, track):
 def test_two_objects_near_each_other_are_two(tmp_path):
     (tmp_path / "a.csv").write_text(f"{HEAD}\n0,cup,1,1,9,9,1,\n0,cup,2,1,10,9,1,\n")
     assert once(boxes_of(film(tmp_path)))[1] == 0
+
+
+def key(frame, x, outside=0):
+    edges = f'xtl="{x}" ytl="1" xbr="{x + 9}" ybr="9"'
+    return f'<box frame="{frame}" keyframe="1" outside="{outside}" {edges}/>'
+
+
+def test_boxes_of_cvat_lie_on_lines_between_key_frames(tmp_path):
+    other = f'</track><track id="1" label="hand">{key(0, 30)}'
+    cvat(tmp_path, f"{key(0, 0)}{key(1, 1)}{key(4, 7)}{other}")
+    found = [(one.frame, one.edges[0]) for one in boxes_of(film(tmp_path)) if one.name == "cup"]
+    assert found == [(0, 0), (1, 1), (2, 3), (3, 5), (4, 7)]
+    hands = [one.edges[0] for one in boxes_of(film(tmp_path)) if one.name == "hand"]
+    assert hands == [30] * FRAMES
+    cvat(tmp_path, f"{key(0, 0)}{key(1, 1, 1)}{key(3, 7)}{key(4, 8)}")
+    assert [one.frame for one in boxes_of(film(tmp_path))] == [0, 3, 4]
+
+
+def test_what_a_person_drew_is_told_from_what_a_detector_did(tmp_path):
+    for source, drawn in (("manual", True), ("auto", False)):
+        shape = f'</track><track id="2" label="cup" source="{source}">{key(0, 1)}'
+        cvat(tmp_path, shape)
+        assert [one.drawn for one in boxes_of(film(tmp_path))] == [drawn]
+
+
+def test_xml_is_unicode_whatever_it_says(tmp_path):
+    text = f'<annotations><track id="0" label="Tüte">{key(0, 1)}</track></annotations>'
+    head = '<?xml version="1.0" encoding="iso-8859-1"?>'
+    (tmp_path / "a.xml").write_text(head + text, encoding="utf-8")
+    assert boxes_of(film(tmp_path))[0].name == "Tüte"
+
+
+def test_a_number_of_two_classes_is_refused(tmp_path):
+    names = [{"id": 1, "name": "cup"}, {"id": 1, "name": "hand"}]
+    notes = [{"image_id": 1, "category_id": 1, "bbox": [1, 1, 8, 8]}]
+    tree = {"images": [{"id": 1}], "categories": names, "annotations": notes}
+    (tmp_path / "a.json").write_text(json.dumps(tree))
+    with pytest.raises(DemoError, match="category 1: id 1 is 'cup' before, and 'hand'"):
+        boxes_of(film(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("tree", "words"),
+    [
+        ([{"video": "a.mp4", "box": []}], "task 0: has no data, so it is not of Label Studio's"),
+        ([{"image_id": 1, "category_id": 1, "bbox": [1, 1, 8, 8]}], "task 0: has no data"),
+        ({"shapes": [], "imagePath": "a.jpg"}, "this JSON is not of COCO or Label Studio"),
+    ],
+)
+def test_json_of_another_tool_is_said(tmp_path, tree, words):
+    (tmp_path / "a.json").write_text(json.dumps(tree))
+    with pytest.raises(DemoError, match=words):
+        boxes_of(film(tmp_path))
+
+
+def test_a_column_of_ones_of_several_cups_is_a_confidence(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "names.txt").write_text("cup")
+    for t in range(FRAMES):
+        (tmp_path / "a" / f"a_{t}.txt").write_text(
+            "0 .2 .5 .1 .1 1\n0 .8 .5 .1 .1 1\n".replace(" .", " 0.")
+        )
+    found = boxes_of(film(tmp_path))
+    assert [(one.track, one.confidence) for one in found] == [(None, 1.0)] * 2 * FRAMES

@@ -150,3 +150,26 @@ def test_one_box_of_two_videos_is_refused(tmp_path):
     require_told_apart(films[:1], boxes[:1])
     with pytest.raises(DemoError, match="this box is taken for one of a and of b"):
         require_told_apart(films, boxes)
+
+
+@pytest.mark.parametrize("name", ["A.CSV", "a.Csv"])
+def test_capitals_of_a_file_s_name_do_not_matter(tmp_path, name):
+    (tmp_path / name).write_text("frame,class,x_min,y_min,x_max,y_max\n0,cup,1,1,9,9\n")
+    assert left(tmp_path) == {1.0}
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ("cup\n\nhand\n", "line 2: the line is empty, so the numbers of the classes after it"),
+        ("0: cup\n1: hand\n", "line 1: '0: cup' is a number and a name, but a line must be the"),
+        ("1 cup\n2 hand\n", "line 1: '1 cup' is a number and a name"),
+    ],
+)
+def test_names_whose_numbers_are_doubtful_are_refused(tmp_path, names, words):
+    (tmp_path / "a.txt").write_text("1,1,1,1,9,9,1,1\n")
+    (tmp_path / "names.txt").write_text("cup\n7 up\n\n")
+    assert [one.name for one in boxes_of(film(tmp_path))] == ["cup"]
+    (tmp_path / "names.txt").write_text(names)
+    with pytest.raises(DemoError, match=words):
+        boxes_of(film(tmp_path))

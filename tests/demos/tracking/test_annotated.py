@@ -6,7 +6,7 @@ from support.kitchen_films import write_csv
 
 from gril_jax.demos.formats.record import Box
 from gril_jax.demos.importing import import_videos
-from gril_jax.demos.tracking.annotated import annotated, mended_between
+from gril_jax.demos.tracking.annotated import annotated, by_person, mended_between
 from gril_jax.demos.tracking.identities import linked
 from gril_jax.demos.tracking.mending import mended
 from gril_jax.demos.vision.video import write_video
@@ -117,3 +117,50 @@ def test_a_video_annotated_once_a_second_is_imported_as_it_was(tmp_path):
     assert made[0].tracks.seen.all()
     assert "a: boxes are those of one frame in 10; between these they lie on lines" in made.notes
     assert "doubtful" not in made.notes
+
+
+@pytest.mark.parametrize("fps", [15.0, 60.0, 140.0])
+def test_what_a_person_drew_often_lies_on_lines_too(fps):
+    edges, at = way(), np.arange(0, TRUE, 10)
+    seen = np.full_like(edges, np.nan)
+    seen[at] = edges[at]
+    found = mended_between(seen, at, 10 * fps, hands=[1], drawn=True)
+    np.testing.assert_allclose(found.edges, edges, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("sure", "drawn", "found"),
+    [((1, 1), False, True), ((0.9, 0.9), False, True), ((0.9, 0.8), False, False),
+     ((0.9, 0.8), True, True)],
+)  # fmt: skip
+def test_a_person_s_boxes_are_told_by_their_tool_or_their_confidence(sure, drawn, found):
+    edges = (0.0, 0.0, 9.0, 9.0)
+    boxes = [Box(n, "cup", edges, one, drawn=drawn) for n, one in enumerate(sure)]
+    assert by_person(boxes) == found
+
+
+FAST = np.array([10.0] * 12 + [10, 40, 40, 10, 12, 44, 8, 8, 40] + [40.0] * 9)
+
+
+@pytest.mark.parametrize(("fps", "tool"), [(30.0, "xml"), (2.0, "csv")])
+def test_what_was_drawn_in_all_frames_is_believed_whatever_the_speed(tmp_path, fps, tool):
+    frames = [np.full((48, 64, 3), 3 * t, np.uint8) for t in range(len(FAST))]
+    write_video(tmp_path / "a.mp4", frames, fps)
+    way = FAST if tool == "xml" else 25 + 20 * np.sin(1.9 * np.arange(len(FAST)) ** 1.1)
+    places = {"cup": way, "hand": np.linspace(0, 20, len(FAST))}
+    if tool == "csv":
+        rows = [(t, name, x[t], 1, x[t] + 9, 9, 1 - t / 99, "")
+                for t in range(len(FAST)) for name, x in places.items()]  # fmt: skip
+        write_csv(tmp_path / "a.csv", rows)
+    else:
+        box = '<box frame="{}" keyframe="1" outside="0" xtl="{}" ytl="1" xbr="{}" ybr="9"/>'
+        tracks = "".join(
+            f'<track id="{name}" label="{name}" source="manual">'
+            + "".join(box.format(t, x[t], x[t] + 9) for t in range(len(FAST)))
+            + "</track>"
+            for name, x in places.items()
+        )
+        (tmp_path / "a.xml").write_text(f"<annotations>{tracks}</annotations>")
+    made = import_videos(tmp_path, robot=["hand"], fps=fps)
+    x = (made[0].tracks.center[:, 0, 0] + 0.5) * 64 - 4.5
+    np.testing.assert_allclose(x, way[: len(x)], atol=1e-3)

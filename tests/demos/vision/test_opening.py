@@ -1,11 +1,13 @@
 """Videos that cameras and tools write in other ways are shown as a player shows them."""
 
+from fractions import Fraction
+
 import av
 import numpy as np
 import pytest
 from support.odd_videos import H, W, encoded
 
-from gril_jax.demos.vision.timed import frames_of, look
+from gril_jax.demos.vision.timed import frames_of, look, pictures
 from gril_jax.demos.vision.video import read_video
 from gril_jax.errors import DemoError
 
@@ -135,3 +137,33 @@ def test_of_several_videos_in_a_file_the_first_counts_and_it_is_said(tmp_path):
             out.mux(stream.encode())
     film = look(tmp_path / "a.mp4")
     assert (film.width, film.note) == (W, "the file holds 2 videos, of which the first counts")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "turned", "size", "found"),
+    [
+        (Fraction(4, 3), 0, (W, H), 4 / 3),
+        (Fraction(1, 2), 0, (W, H), 0.5),
+        (Fraction(4, 3), 90, (H, W), 3 / 4),
+        (Fraction(4319, 4320), 0, (W, H), 1.0),
+    ],
+)
+def test_pictures_are_as_wide_as_they_are_shown(tmp_path, ratio, turned, size, found):
+    """Boxes count the pixels that are stored, which detectors and CVAT see."""
+
+    def stretched(stream):
+        stream.codec_context.sample_aspect_ratio = ratio
+        if turned:
+            stream.set_display_rotation(turned)
+
+    path = encoded(tmp_path / "a.mp4", frames=3, pictures=corner, prepare=stretched)
+    film = look(path)
+    assert (film.width, film.height) == size
+    assert film.aspect == pytest.approx(found)
+    assert ("boxes count the stored" in str(film.note)) == (found != 1)
+    assert next(frames_of(film)).shape[:2] == size[::-1]
+    shown = pictures(film, 10.0)[0]
+    assert shown.shape[1] / shown.shape[0] == pytest.approx(size[0] * found / size[1], rel=0.04)
+    whole = read_video(path)[0]
+    assert whole.shape[1] / whole.shape[0] == pytest.approx(size[0] * found / size[1], rel=0.04)
+    assert corners(whole) == corners(next(frames_of(film)))
