@@ -82,7 +82,8 @@ def train_policy(
     what = "learning the policy" if seeds == 1 else f"learning {seeds} policies"
     with MemoryRun() as run, Progress(shown=progress) as shown:
         total = plan.updates * plan.steps * seeds
-        phase = shown.phase(what, total=total, unit="env steps")
+        early = plan.least is not None
+        phase = shown.phase(what, total=total, unit="env steps", at_most=early)
 
         def row(done: int, found: Any) -> dict[str, Any]:
             line = policies.metrics_of(plan, done, found)
@@ -95,7 +96,7 @@ def train_policy(
             program, params, plan, config, name=config.run.algorithm, run=run, echo=print, row=row
         )
         curves = _curves(run.metrics())
-    policy = jax.device_get(jax.vmap(algorithm.policy)(trained.state))
+    policy = jax.device_get(trained.policy)
     return TrainedPolicy(config, env, algorithm, policy, params, curves)
 
 

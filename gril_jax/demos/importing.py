@@ -52,7 +52,7 @@ def import_videos(
       folder: of videos, of MAGICAL's `*.pkl.gz` files, or of a LeRobot dataset.
       out: a folder for the set, which replaces an older set there; None writes nothing.
       boxes: "auto" reads the boxes beside each video, in any known format. "colour" finds the
-        objects of MAGICAL's palette. A function, or its name `module:function`, is a detector:
+        objects of MAGICAL's palette. A function, or its name `FILE.py:FUNCTION`, is a detector:
         `Detect`. A `Detector` gives `Tracks` itself.
       robot: classes that are parts of a robot, or of a person; what they do is no progress.
       half_extent: half the width of what a frame shows, in a unit of one's own; None measures in
@@ -168,4 +168,6 @@ def _reader(boxes: str | Detect) -> Callable[[Film], list[Box]] | None:
         return None
     if callable(boxes) or ":" in str(boxes):
         return detecting(boxes)
-    raise DemoError(f"boxes is {boxes!r}, but must be auto, colour, or a detector module:function.")
+    raise DemoError(
+        f"boxes is {boxes!r}, but must be auto, colour, or a detector FILE.py:FUNCTION."
+    )
