@@ -65,11 +65,10 @@ def reference(name: str, what: str = "task") -> Reference:
 
 def _only_function(file: Path, what: str) -> str:
     """The single public function that a file defines; the file is not run."""
+    source = _read(file, what)
     try:
-        tree = ast.parse(_read(file, what))
+        tree = ast.parse(source, str(file))
     except (SyntaxError, ValueError) as error:
-        if not isinstance(error, SyntaxError):
-            raise
         raise ValueError(f"{file}, {fault(error, file)}") from None
     kinds = ast.FunctionDef | ast.AsyncFunctionDef
     found = [one.name for one in tree.body if isinstance(one, kinds) and one.name[0] != "_"]
