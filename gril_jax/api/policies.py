@@ -48,7 +48,8 @@ def train_policy(
       seeds: policies to train side by side, from `seed` on.
       progress: show a progress line on stderr.
       options: sections of the configuration with the fields to change:
-        `ppo={"num_timesteps": 2_000_000}`.
+        `ppo={"num_timesteps": 2_000_000}`. A task of your own trains on until evaluations no longer
+        improve; `run={"max_steps": None}` ends it there.
 
     Raises:
       ConfigError: an option is unknown or out of range, or the reward does not fit the task.

@@ -65,8 +65,8 @@ class RunSettings:
         default=None, metadata=optional(at_least(1))
     )
     """Environment steps at most. Training goes on after num_timesteps until evaluations have not
-    improved for a fifth of the steps, or succeed, and the best policy is kept. None ends it at
-    num_timesteps."""
+    improved for a fifth of the steps, or succeed, and the best policy is kept. None, or no
+    evaluations, end it at num_timesteps."""
     out: Annotated[str | None, short("--out")] = field(
         default=None, metadata=optional(rule(str.strip, "a folder or None"))
     )
@@ -179,28 +179,11 @@ def _check_blocks(env: EnvConfig) -> None:
     env.require_places("env.variant", env.variant)
 
 
-def _check_end(run: RunSettings, algorithm: str, num_envs: int) -> None:
-    """Raises ConfigError if evaluations are to end the training, but there are none."""
-    if run.max_steps is None:
-        return
-    fault = None
-    if not run.evaluations:
-        fault = "run.evaluations is 0"
-    elif num_envs % 2:
-        fault = f"{algorithm}.num_envs is {num_envs}, of which no half can play evaluations"
-    if fault is not None:
-        raise ConfigError(
-            f"{fault}, but evaluations end a training with run.max_steps: without them "
-            "run.max_steps must be None"
-        )
-
-
 def _check_sizes(config: RunConfig) -> None:
     demos, pretrain, env = config.demos, config.pretrain, config.env
     _check_encoder(config)
     for name in ALGORITHMS:
         getattr(config, name).check(name)
-    _check_end(config.run, config.run.algorithm, getattr(config, config.run.algorithm).num_envs)
     at_once = {
         f"{config.run.algorithm}.num_envs": getattr(config, config.run.algorithm).num_envs,
         "run.eval_episodes": config.run.eval_episodes,

@@ -45,10 +45,11 @@ def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -
         echo(f"{steps}, about {in_words(took)}")
     else:
         echo(f"{steps} on pictures, which are not timed")
+    about = "about"
     if verb == "train":
-        took += _policy(config, echo)
+        seconds, early = _policy(config, echo)
+        took, about = took + seconds, "at most" if early else "about"
     where = config.run.out or "a new folder below runs/"
-    about = "about" if verb != "train" or config.run.max_steps is None else "at most"
     echo(f"in all {about} {in_words(took)} on {setup.device_in_words()}; results go to {where}")
 
 
@@ -84,8 +85,9 @@ def _demonstrations(
     return resting, len(env.classes)
 
 
-def _policy(config: RunConfig, echo: Callable[[str], None]) -> float:
-    """Seconds that the policy's training would take, compiling included; told with its memory."""
+def _policy(config: RunConfig, echo: Callable[[str], None]) -> tuple[float, bool]:
+    """Seconds that the policy's training would take, compiling included, and whether it may end
+    before; told with its memory."""
     begun = time.monotonic()
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     params = policy_rewards.blank(config, algorithm.episodes.env)
@@ -105,7 +107,7 @@ def _policy(config: RunConfig, echo: Callable[[str], None]) -> float:
         seconds += _seconds(begun, advance(True), state, min(plan.evaluations, plan.chunks))
     available = memory.available_bytes(jax.devices()[0])
     room = "" if available is None else f" of {available / _UNIT:,.0f} MiB"
-    most = plan.least is not None
+    most = plan.least is not None  # evaluations may end it
     steps = plan.updates * plan.steps if most else policy_setup.policy_config(config).num_timesteps
     echo(
         f"policy: {'at most ' * most}{steps:,} env steps by {config.run.algorithm.upper()}, "
@@ -113,4 +115,4 @@ def _policy(config: RunConfig, echo: Callable[[str], None]) -> float:
         f"{' (it ends when evaluations no longer improve)' * most}; about "
         f"{needed / _UNIT:,.0f} MiB{room}"
     )
-    return seconds
+    return seconds, most

@@ -71,7 +71,7 @@ def plan_of(config: RunConfig, algorithm: training.Algorithm) -> Plan:
     updates = -(-policy_setup.policy_config(config).num_timesteps // steps)
     run, most = config.run, config.run.max_steps
     fixed = Plan(updates, run.updates_per_chunk, run.evaluations, steps, algorithm.num_envs // 2)
-    if most is None:
+    if most is None or not evaluates(config, algorithm):
         return fixed
     # Evaluations come as often as they would in a training of the fixed length.
     at_most = -(-most // steps)
@@ -186,9 +186,15 @@ def train(
     return Learned(state.best, state.state, steps, kept, done.stall_s)
 
 
+def evaluates(config: RunConfig, algorithm: training.Algorithm) -> bool:
+    """True if policies are evaluated in training, each kind of actions in half of the
+    environments."""
+    return bool(config.run.evaluations) and algorithm.num_envs % 2 == 0
+
+
 def tasks_to_evaluate(config: RunConfig, algorithm: training.Algorithm) -> list[Env]:
     """The task whose starts evaluations during training begin from; empty if there are none."""
-    if not config.run.evaluations or algorithm.num_envs % 2:
+    if not evaluates(config, algorithm):
         return []
     return [setup.make_env(config.env, training=False, variant=evaluated_from(config.env).many)]
 

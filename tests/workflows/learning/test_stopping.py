@@ -13,7 +13,6 @@ from support import own_task
 from gril_jax.config import EnvConfig
 from gril_jax.config.files import load
 from gril_jax.config.grid import with_seed
-from gril_jax.errors import ConfigError
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints.state_leaves import digest
 from gril_jax.runs.interrupt import Interrupted
@@ -145,11 +144,19 @@ def test_a_training_that_is_cut_off_comes_to_the_same_end_and_policy(tmp_path):
     assert digest(finished.policy) == digest(whole.policy)
 
 
-def test_without_evaluations_there_is_no_such_end():
-    with pytest.raises(ConfigError, match=r"run\.evaluations is 0, but evaluations end a training"):
-        load("own_task", ("--run.evaluations", "0"))
-    with pytest.raises(ConfigError, match=r"ppo\.num_envs is 5, of which no half"):
-        load("own_task", ("--ppo.num-envs", "5", "--ppo.num-minibatches", "5"))
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("--run.evaluations", "0"),
+        ("--ppo.num-envs", "255", "--ppo.num-minibatches", "5"),  # no half can play evaluations
+        ("--max-steps", "None"),
+    ],
+)
+def test_without_evaluations_or_a_maximum_the_length_is_fixed(given):
+    config = load("own_task", given)
+    algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
+    plan = policies.plan_of(config, algorithm)
+    assert (plan.least, plan.updates) == (None, -(-5_000_000 // plan.steps))
 
 
 def test_a_smaller_maximum_is_the_length_and_evaluations_keep_their_distance():
@@ -158,5 +165,5 @@ def test_a_smaller_maximum_is_the_length_and_evaluations_keep_their_distance():
     plan = policies.plan_of(config, algorithm)
     assert (plan.updates, plan.least, plan.evaluations) == (131, 131, 5)
     plan = policies.plan_of(load("own_task"), algorithm)
-    assert (plan.updates, plan.least, plan.evaluations) == (2605, 261, 100)
+    assert (plan.updates, plan.least, plan.evaluations) == (2605, 652, 100)
     assert plan.evaluated_at(0) == 28 * 7680  # the seventh chunk of 4 updates
