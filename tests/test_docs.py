@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shlex
+from pathlib import Path
 
 import jax.numpy as jnp
 import pytest
@@ -110,16 +111,40 @@ UNDERSTOOD = set()  # many a command stands on several pages
 
 @pytest.mark.parametrize("path", [p for p in PAGES if _commands(p)], ids=_name)
 def test_the_commands_of_a_page_are_understood(path, surroundings):
+    _write_files(path)
     for line in dict.fromkeys(_commands(path)):
         if line not in UNDERSTOOD or line.startswith("gril new-task"):
             _understood(line, surroundings)
             UNDERSTOOD.add(line)
 
 
+def _write_files(path):
+    """Writes the files that a page shows as a whole, whose first line is their name."""
+    for block in _blocks(path, "python"):
+        if found := re.match(r"# (\w+\.py)\n", block):
+            Path(found[1]).write_text(block)
+
+
+def test_the_task_of_the_page_is_found_to_be_as_the_page_says(tmp_path, monkeypatch, capsys):
+    page = REPOSITORY / "docs" / "your_own_task.md"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    _write_files(page)
+    (line,) = [line for line in _commands(page) if line.startswith("gril check-task")]
+    assert main.main(shlex.split(line)[1:]) == 0
+    found = capsys.readouterr().out.splitlines()
+    (shown,) = [text for text in _blocks(page, "text") if text.startswith("push_puck: classes")]
+    for said in shown.splitlines():
+        assert said in (*found, "..."), said
+    assert not any("MISSING" in said or "look " in said for said in found)
+
+
 def _understood(line, surroundings):
     """Plans a command line, as far as the work that is left."""
     args = shlex.split(line, comments=True)[1:]
     stand_for = surroundings(args[0] if "--resume" in args else None)
+    if "--out" not in args:  # a page's run of this name is made by an earlier command
+        stand_for = stand_for | {"run": stand_for["RUN"]}
     work = main._plan([stand_for.get(arg, arg) for arg in args])
     assert callable(work), line
     if args[0] == "new-task":  # whose files the next lines name

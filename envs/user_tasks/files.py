@@ -1,5 +1,7 @@
 """Files of one's own tasks: what FILE.py:FUNCTION names, and whether it may be run.
 
+FILE.py alone names its function, where it has a single public one.
+
 A file is code, so it is run only where its user has named it: on this command line, or on an
 earlier one with the very contents that it has now. Runs and configurations name files, too, and may
 be somebody else's: that alone runs nothing. What was named is kept as the program `sha256sum`
@@ -8,6 +10,7 @@ writes it, in `gril_jax/tasks.sha256` below XDG_STATE_HOME, or `~/.local/state`.
 Nothing here imports JAX. Whatever is wrong is a ValueError of one sentence.
 """
 
+import ast
 import contextlib
 import hashlib
 import importlib.abc
@@ -43,16 +46,37 @@ def is_reference(name: str) -> bool:
     return name.endswith(".py") or ".py:" in name
 
 
-def reference(name: str) -> Reference:
-    """FILE.py:FUNCTION taken apart, with an absolute path; the file need not exist."""
-    path, colon, function = name.rpartition(":")
-    if not colon or not path.endswith(".py"):
-        raise ValueError(f"the task {name!r} must be FILE.py:FUNCTION, such as my_task.py:make")
+def reference(name: str, what: str = "task") -> Reference:
+    """FILE.py:FUNCTION taken apart, or FILE.py, which is read, with an absolute path; a file whose
+    function is named need not exist. `what` is said to be wrong in the sentence of a ValueError."""
     if not name.isprintable():
-        raise ValueError(f"the task {name!r} has letters that cannot be printed")
+        raise ValueError(f"the {what} {name!r} has letters that cannot be printed")
+    path, colon, function = name.rpartition(":")
+    if name.endswith(".py"):
+        path, function = name, ""
+    elif not colon or not path.endswith(".py"):
+        raise ValueError(f"the {what} {name!r} must be FILE.py:FUNCTION, such as my_{what}.py:make")
+    file = Path(os.path.abspath(os.path.expanduser(path)))
+    function = function if path != name else _only_function(file, what)
     if not function.isidentifier():
-        raise ValueError(f"the task {name!r} must end with the name of a function, such as :make")
-    return Reference(Path(os.path.abspath(os.path.expanduser(path))), function)
+        raise ValueError(f"the {what} {name!r} must end with the name of a function, such as :make")
+    return Reference(file, function)
+
+
+def _only_function(file: Path, what: str) -> str:
+    """The single public function that a file defines; the file is not run."""
+    source = _read(file, what)
+    try:
+        tree = ast.parse(source, str(file))
+    except (SyntaxError, ValueError) as error:
+        raise ValueError(f"{file}, {fault(error, file)}") from None
+    kinds = ast.FunctionDef | ast.AsyncFunctionDef
+    found = [one.name for one in tree.body if isinstance(one, kinds) and one.name[0] != "_"]
+    if len(found) != 1:
+        have = f"the functions {', '.join(found)}" if found else "no public function"
+        such = f"{file.name}:{found[0] if found else 'make'}"
+        raise ValueError(f"{file} has {have}, so the {what} must be named as in {such}")
+    return found[0]
 
 
 def digest(name: str) -> str:
@@ -153,16 +177,16 @@ def _place(found: Reference) -> Path:
     return _moved.get(found.file, found.file)
 
 
-def _read(file: Path) -> bytes:
+def _read(file: Path, what: str = "task") -> bytes:
     if not file.is_file():  # a pipe or a device would never end
         missing = "does not exist" if not file.exists() else "is no regular file"
-        raise ValueError(f"the task file {file} {missing}")
+        raise ValueError(f"the {what} file {file} {missing}")
     try:
         if file.stat().st_size > _LARGEST:
-            raise ValueError(f"the task file {file} is too long for a program")
+            raise ValueError(f"the {what} file {file} is too long for a program")
         return file.read_bytes()
     except OSError as error:
-        raise ValueError(f"the task file {file} cannot be read ({error.strerror})") from None
+        raise ValueError(f"the {what} file {file} cannot be read ({error.strerror})") from None
 
 
 def _require_named(file: Path, sha256: str, function: str) -> None:

@@ -48,7 +48,8 @@ def train_policy(
       seeds: policies to train side by side, from `seed` on.
       progress: show a progress line on stderr.
       options: sections of the configuration with the fields to change:
-        `ppo={"num_timesteps": 2_000_000}`.
+        `ppo={"num_timesteps": 2_000_000}`. A task of your own trains on until evaluations no longer
+        improve; `run={"max_steps": None}` ends it there.
 
     Raises:
       ConfigError: an option is unknown or out of range, or the reward does not fit the task.
@@ -82,7 +83,8 @@ def train_policy(
     what = "learning the policy" if seeds == 1 else f"learning {seeds} policies"
     with MemoryRun() as run, Progress(shown=progress) as shown:
         total = plan.updates * plan.steps * seeds
-        phase = shown.phase(what, total=total, unit="env steps")
+        early = plan.least is not None
+        phase = shown.phase(what, total=total, unit="env steps", at_most=early)
 
         def row(done: int, found: Any) -> dict[str, Any]:
             line = policies.metrics_of(plan, done, found)
@@ -95,7 +97,7 @@ def train_policy(
             program, params, plan, config, name=config.run.algorithm, run=run, echo=print, row=row
         )
         curves = _curves(run.metrics())
-    policy = jax.device_get(jax.vmap(algorithm.policy)(trained.state))
+    policy = jax.device_get(trained.policy)
     return TrainedPolicy(config, env, algorithm, policy, params, curves)
 
 

@@ -114,6 +114,13 @@ def named_task(task: str) -> str | None:
     return str(_sentence(files.name, task)) if files.is_reference(task) else None
 
 
+def named_detector(boxes: str) -> str:
+    """The choice of boxes, in which a detector's file has the name of its function."""
+    return (
+        str(_sentence(files.reference, boxes, "detector")) if files.is_reference(boxes) else boxes
+    )
+
+
 def require_task_of(config: RunConfig, task: str | None, folder: Path) -> None:
     """Raises ConfigError if the task's file of a run may not be run, or has been changed.
 

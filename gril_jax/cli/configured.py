@@ -21,7 +21,7 @@ from gril_jax.config.command_line import options, parse
 from gril_jax.config.files import sections
 from gril_jax.config.run_config import Sections
 from gril_jax.config.tables import ALGORITHMS, REWARDS
-from gril_jax.config.task import NO_TASK
+from gril_jax.config.task import NO_TASK, EnvConfig
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.runs import places, reading, run_dir, sinks
@@ -143,6 +143,8 @@ def new_run(given: Sections, prog: str, *, films_alone: bool = False) -> RunConf
 
     Raises a ConfigError, DemoError or RunError if it lacks what it needs, or its folder exists.
     """
+    if not films_alone:
+        _require_scene(given, prog)
     config = RunConfig.of(_with_noise(_with_reward(given)))
     require_task(config.env)
     if config.env.name == NO_TASK and not films_alone:
@@ -156,6 +158,20 @@ def new_run(given: Sections, prog: str, *, films_alone: bool = False) -> RunConf
     if config.run.out is not None:
         run_dir.require_new(Path(config.run.out))
     return config
+
+
+def _require_scene(given: Any, prog: str) -> None:
+    """Raises ConfigError for videos of somebody's own without a task that simulates their scene."""
+    header = _header(given.demos.path)
+    if header is None or given.config is not None or given.env.name != EnvConfig().name:
+        return
+    if (task := header.get("task")) not in registry.names():
+        made = task if isinstance(task, str) and task not in ("", NO_TASK) else "my_task"
+        raise ConfigError(
+            f"{prog} needs --task, the simulation in which a policy learns what "
+            f"{given.demos.path} shows, such as --task {made}.py:make; gril pretrain learns the "
+            "reward alone"
+        )
 
 
 def _with_reward(given: Sections) -> Sections:

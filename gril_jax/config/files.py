@@ -106,7 +106,8 @@ def _options(tree: Mapping[str, Any], file: Traversable) -> Iterator[str]:
     for section, fields in tree.items():
         for field, value in fields.items():
             option = f"--{section}.{field}".replace("_", "-")
-            if option == "--env.name" and ".py:" in str(value) and isinstance(file, Path):
+            is_file = ".py:" in str(value) or str(value).endswith(".py")
+            if option == "--env.name" and is_file and isinstance(file, Path):
                 value = file.absolute().parent / Path(value).expanduser()
             if isinstance(value, list):
                 yield from (option, *map(str, value))

@@ -60,7 +60,13 @@ class RunSettings:
     audit: int = field(default=0, metadata=at_least(0))
     """Gradient searches of the audit after training. 0 makes no audit."""
     evaluations: int = field(default=8, metadata=at_least(0))
-    """Evaluations during policy training."""
+    """Evaluations during policy training, in num_timesteps of the algorithm."""
+    max_steps: Annotated[int | None, short("--max-steps")] = field(
+        default=None, metadata=optional(at_least(1))
+    )
+    """Environment steps at most. Training goes on after num_timesteps until evaluations have not
+    improved for a fifth of the steps, or succeed, and the best policy is kept. None, or no
+    evaluations, end it at num_timesteps."""
     out: Annotated[str | None, short("--out")] = field(
         default=None, metadata=optional(rule(str.strip, "a folder or None"))
     )

@@ -59,7 +59,7 @@ def import_videos(
       folder: of videos, of MAGICAL's `*.pkl.gz` files, or of a LeRobot dataset.
       out: a folder for the set, which replaces an older set there; None writes nothing.
       boxes: "auto" reads the boxes beside each video, in any known format. "colour" finds the
-        objects of MAGICAL's palette. A function, or its name `module:function`, is a detector:
+        objects of MAGICAL's palette. A function, or its name `FILE.py:FUNCTION`, is a detector:
         `Detect`. A `Detector` gives `Tracks` itself.
       detect: classes to find in the videos, with commas between them, such as "2 cups, hand": of
         each one object a frame, or as many as the number says. Or an ONNX file of YOLOX, RF-DETR
@@ -216,4 +216,6 @@ def _reader(boxes: str | Detect) -> Callable[[Film], list[Box]] | None:
         return None
     if callable(boxes) or ":" in str(boxes):
         return detecting(boxes)
-    raise DemoError(f"boxes is {boxes!r}, but must be auto, colour, or a detector module:function.")
+    raise DemoError(
+        f"boxes is {boxes!r}, but must be auto, colour, or a detector FILE.py:FUNCTION."
+    )

@@ -1,4 +1,6 @@
-"""Boxes by a detector of the user's own: a function, or `module:function`, called in this process.
+"""Boxes by a detector of the user's own: a function, or its name, called in this process.
+
+A name is FILE.py:FUNCTION, as that of a task, or module:function.
 
     def detect(frames):                       # (T, H, W, 3) uint8, RGB
         return [[("cup", 317, 295, 371, 349, 0.93), ...], ...]   # of each frame
@@ -8,12 +10,13 @@ of a frame's boxes is no box, as detectors of hands answer where there is none. 
 also be `Detections` of the package `supervision`, whose tracker's identities then count.
 """
 
-import importlib
+import importlib.util
 import itertools
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,13 +129,19 @@ def _box(film: Film, frame: int, given: object, where: str) -> Box:
 
 
 def _found(name: str) -> Detect:
-    module, colon, function = name.partition(":")
-    if not colon or not function:
-        raise DemoError(f"the detector {name!r} must be module:function.")
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # a file in the folder in which the command was given
+    module, colon, function = name.rpartition(":")
+    file = Path(module).expanduser() if module.endswith(".py") else None
+    if not colon or not function.isidentifier():
+        raise DemoError(f"the detector {name!r} must be FILE.py:FUNCTION, or module:function.")
+    if file is not None and not file.is_file():
+        raise DemoError(f"the detector file {file} does not exist.")
     try:
-        found = getattr(importlib.import_module(module), function)
+        if file is not None:
+            found = getattr(_run(file.absolute()), function)
+        else:
+            if "" not in sys.path:
+                sys.path.insert(0, "")  # a file in the folder in which the command was given
+            found = getattr(importlib.import_module(module), function)
     except _FAILURES as error:
         said = f"{error}" if isinstance(error, ImportError | AttributeError) else _said(error)
         raise DemoError(
@@ -141,6 +150,17 @@ def _found(name: str) -> Detect:
     if not callable(found):
         raise DemoError(f"the detector {name} is a {type(found).__name__}, but must be a function.")
     return found
+
+
+def _run(file: Path) -> ModuleType:
+    """The module of a file; it may import others from the folder it lies in."""
+    if str(file.parent) not in sys.path:
+        sys.path.append(str(file.parent))
+    spec = importlib.util.spec_from_file_location(f"gril_detector_{file.stem}", file)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
 
 
 def _said(error: BaseException) -> str:

@@ -32,7 +32,8 @@ class Trained(NamedTuple):
     """The results of a phase."""
 
     state: Any
-    seconds: float  # of all chunks, those before an interruption included
+    chunks: int  # that have been done
+    seconds: float  # that they took, those before an interruption included
     stall_s: float  # that the longest copy of a checkpoint held the training up
 
 
@@ -64,6 +65,7 @@ def run_chunks(
     row: Callable[[int, float, Any], Mapping[str, Any]],
     every_s: int | float,
     keep: int = 3,
+    is_over: Callable[[int, Any], bool] = lambda done, state: False,
 ) -> Trained:
     """Runs a phase to its end, with a row of metrics for each chunk and occasional checkpoints.
 
@@ -71,11 +73,13 @@ def run_chunks(
       advance: one chunk, from a state to the next and its metrics; it may donate the state.
       begun: what `restore` returned.
       name: the phase; metrics have it as "phase", and checkpoints go to a folder of this name.
-      chunks: how many there are in all.
+      chunks: how many there are in all, or at most.
       row: makes a line of metrics.jsonl from the chunks done, the seconds they took and a chunk's
         metrics on the host; its clocks go to times.jsonl.
       every_s: seconds between two checkpoints. The last state is always saved.
       keep: how many of the newest checkpoints stay; at the end of the phase the last one alone.
+      is_over: from the chunks done and the state, whether the phase ends here; the same in all
+        processes.
 
     Raises:
       Interrupted: SIGINT, SIGTERM or SIGHUP came; the state is saved.
@@ -85,10 +89,12 @@ def run_chunks(
     begun_s = saved_s = time.monotonic()
     seconds = before_s
     with run.saving(name, keep=keep) as writer, noticed() as notice:
-        while done < chunks:
+        over = done == chunks or (done > 0 and is_over(done, state))
+        while not over:
             state, metrics = advance(state)
             metrics = jax.device_get(metrics)
             done, now = done + 1, time.monotonic()
+            over = done == chunks or is_over(done, state)
             seconds = before_s + now - begun_s
             due = False
             if hosts.is_first():
@@ -96,7 +102,7 @@ def run_chunks(
                 # One that is still being written is not waited for: the next chunk will do.
                 due = writer is not None and not writer.busy and now - saved_s >= every_s
             due, number = hosts.largest([due, notice.number or 0])
-            if writer is not None and (due or number or done == chunks):
+            if writer is not None and (due or number or over):
                 whole = hosts.gathered(state)
                 if hosts.is_first():
                     writer.save(done, whole)
@@ -109,7 +115,7 @@ def run_chunks(
                 raise Interrupted(f"{signal.Signals(number).name} came, and {left}", number)
     if hosts.is_first():
         run.settle(name)
-    return Trained(state, seconds, 0.0 if writer is None else writer.longest_stall_s)
+    return Trained(state, done, seconds, 0.0 if writer is None else writer.longest_stall_s)
 
 
 def _strong(leaf: Any) -> Any:

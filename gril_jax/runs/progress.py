@@ -51,11 +51,19 @@ class Progress:
             self._live.stop()
 
     def phase(
-        self, name: str, *, total: int, unit: str = "steps", compiles: bool = True
+        self,
+        name: str,
+        *,
+        total: int,
+        unit: str = "steps",
+        compiles: bool = True,
+        at_most: bool = False,
     ) -> "Phase":
-        """Starts a phase, which ends the one before; `compiles` until its first `update`."""
+        """Starts a phase, which ends the one before; `compiles` until its first `update`.
+
+        With `at_most` it may end before its total."""
         self.end_phase()
-        self._phase = Phase(name, total, unit, self._report)
+        self._phase = Phase(name, total, unit, self._report, at_most)
         if not compiles:
             self._phase.begin()
         self._print()
@@ -105,6 +113,7 @@ class Phase:
     total: int  # units in all; 0 where that is unknown
     unit: str
     report: Callable[[], None]  # called after each update
+    at_most: bool = False  # whether fewer may do
 
     def __post_init__(self):
         self._begin_s = _clock()
@@ -141,11 +150,13 @@ class Phase:
             return f"{self.name}: compiling ... {duration(_clock() - self._begin_s)}"
         done, total, unit, rate = self._now[1], self.total, self.unit, self.rate
         share = f"/{total:,} {unit} ({100 * done // total}%)" if total else f" {unit}"
+        if self.at_most:
+            share = f" {unit} of at most {total:,}"
         parts = [f"{self.name}: {done:,}{share}"]
         if rate is not None:
             parts.append(f"{f'{rate:,.0f}' if rate >= 10 else f'{rate:.2g}'} {unit}/s")
             if done < total:
-                parts.append(f"{duration(self.left_s)} left")
+                parts.append(f"{'at most ' * self.at_most}{duration(self.left_s)} left")
         return ", ".join([*parts, *(f"{k} {float(v):.4g}" for k, v in self._metrics.items())])
 
 

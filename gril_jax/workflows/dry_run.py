@@ -4,6 +4,7 @@ Nothing is written. Parts of the real programs are compiled and timed for a few 
 untrained reward. Where the demonstrations would be made first, resting boxes replace them.
 """
 
+import statistics
 import time
 from collections.abc import Callable
 from typing import Any
@@ -24,6 +25,7 @@ from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setu
 from gril_jax.workflows.learning import policies
 
 _UNIT = 2**20
+_CALLS = 5  # that are timed
 
 
 def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -> None:
@@ -43,18 +45,24 @@ def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -
         echo(f"{steps}, about {in_words(took)}")
     else:
         echo(f"{steps} on pictures, which are not timed")
+    about = "about"
     if verb == "train":
-        took += _policy(config, echo)
+        seconds, early = _policy(config, echo)
+        took, about = took + seconds, "at most" if early else "about"
     where = config.run.out or "a new folder below runs/"
-    echo(f"in all about {in_words(took)} on {setup.device_in_words()}; results go to {where}")
+    echo(f"in all {about} {in_words(took)} on {setup.device_in_words()}; results go to {where}")
 
 
 def _seconds(begun: float, step: Callable[[Any], Any], state: Any, calls: float) -> float:
     """Seconds from `begun` until a function is compiled, and for so many calls of it."""
     state = jax.block_until_ready(step(state))
-    compiled = time.monotonic()
-    jax.block_until_ready(step(state))
-    return compiled - begun + calls * (time.monotonic() - compiled)
+    took = time.monotonic() - begun
+    each = []
+    while len(each) < _CALLS:  # the median, because a machine may be busy for a moment
+        begun = time.monotonic()
+        state = jax.block_until_ready(step(state))
+        each.append(time.monotonic() - begun)
+    return took + calls * statistics.median(each)
 
 
 def _demonstrations(
@@ -77,23 +85,34 @@ def _demonstrations(
     return resting, len(env.classes)
 
 
-def _policy(config: RunConfig, echo: Callable[[str], None]) -> float:
-    """Seconds that the policy's training would take, compiling included; told with its memory."""
+def _policy(config: RunConfig, echo: Callable[[str], None]) -> tuple[float, bool]:
+    """Seconds that the policy's training would take, compiling included, and whether it may end
+    before; told with its memory."""
     begun = time.monotonic()
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     params = policy_rewards.blank(config, algorithm.episodes.env)
     needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
-    program = train.compiled_for(config, algorithm)
+    program, plan = train.compiled_for(config, algorithm), policies.plan_of(config, algorithm)
     init, run_chunk = program.functions
     placed = sharding.place(program.layout, jax.tree.map(lambda x: x[None], params))
-    more = program.hyper, placed, jnp.int32(1), jnp.asarray(False)
-    state, updates = init(program.keys, program.hyper), policies.plan_of(config, algorithm).updates
-    seconds = _seconds(begun, lambda state: run_chunk(state, *more)[0], state, updates)
+
+    def advance(examine: bool) -> Callable[[Any], Any]:
+        more = program.hyper, placed, jnp.int32(not examine), jnp.asarray(examine)
+        return lambda state: run_chunk(state, *more)[0]
+
+    state = init(program.keys, program.hyper)
+    seconds = _seconds(begun, advance(False), state, plan.updates)
+    if plan.evaluations:
+        state, begun = init(program.keys, program.hyper), time.monotonic()
+        seconds += _seconds(begun, advance(True), state, min(plan.evaluations, plan.chunks))
     available = memory.available_bytes(jax.devices()[0])
     room = "" if available is None else f" of {available / _UNIT:,.0f} MiB"
+    most = plan.least is not None  # evaluations may end it
+    steps = plan.updates * plan.steps if most else policy_setup.policy_config(config).num_timesteps
     echo(
-        f"policy: {policy_setup.policy_config(config).num_timesteps:,} env steps by "
-        f"{config.run.algorithm.upper()}, about {in_words(seconds)}; about "
+        f"policy: {'at most ' * most}{steps:,} env steps by {config.run.algorithm.upper()}, "
+        f"{'at most' if most else 'about'} {in_words(seconds)}"
+        f"{' (it ends when evaluations no longer improve)' * most}; about "
         f"{needed / _UNIT:,.0f} MiB{room}"
     )
-    return seconds
+    return seconds, most

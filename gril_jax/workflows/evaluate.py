@@ -1,4 +1,4 @@
-"""Evaluates a trained policy: `gril eval RUN --episodes 256`.
+"""Evaluates a trained policy: `gril eval RUN --episodes 256`, with `--film` also on video.
 
 Success is counted over distinct starts, those of `evaluated_from`: perturbed initial states, and
 held-out ones of a variant whose starts lie further away. If the task has a single nominal initial
@@ -25,6 +25,7 @@ from gril_jax.rl.policy import Policy
 from gril_jax.rl.training import Algorithm
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
+from gril_jax.safe_files import writing
 from gril_jax.workflows.build import filming, policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import Group, draw, evaluated_from, with_first
 
@@ -58,9 +59,11 @@ def main(
     seed: int = 0,
     variant: str | None = None,
     engine: str | None = None,
+    film: bool = False,
     echo: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Evaluates the policy of a finished run; the folder is only read. Returns what it prints."""
+    """Evaluates the policy of a finished run; returns what it prints. The folder is only read, but
+    for eval.mp4, which `film` writes there."""
     config = run_dir.read_config(folder)
     if engine is not None:
         config = replace(config, env=replace(config.env, engine=engine))
@@ -75,6 +78,11 @@ def main(
     about = {name: float(getattr(means, name)[:episodes].mean()) for name in ("score", "reward")}
     numbers = "  ".join(f"{name} {value:.4f}" for name, value in about.items())
     echo(f"{numbers}  (means over the same episodes with deterministic actions)")
+    if film:
+        path = folder / "eval.mp4"
+        with writing(folder):
+            _film(env, means, reward_params, _shown(means, episodes), path)
+        echo(f"film: {path} (the worst, the median and the best episode by return)")
     return found | about
 
 
@@ -119,7 +127,11 @@ def play(
     # Through the host it loses its weak types, or the program would be compiled once more.
     untrained = jax.device_get(policy_setup.fresh_policy(config, algorithm, keys[1]))
     random = player.play(player.many, untrained, keys[2], deterministic=False)
-    _film(env, means, player.reward_params, episodes, folder)
+    shown = _shown(means, episodes)
+    _film(env, means, player.reward_params, shown, folder / "rollout.mp4")
+    names = ("reward", "success", "score")
+    arrays = {name: np.asarray(getattr(means, name))[:episodes] for name in names}
+    np.savez(folder / "rollouts.npz", **arrays, shown=shown)
     phase.update(2)
     return found | {
         "score": float(means.score[:episodes].mean()),
@@ -177,18 +189,20 @@ def _trained(
     return found, means
 
 
-def _film(env: Env, played: Evaluation, params: Any, episodes: int, folder: Path) -> None:
-    """Writes the numbers of all episodes, and a video of three of them side by side: the worst, the
-    median and the best by return. A policy that sees its stage says which one it is at."""
-    names = ("reward", "success", "score")
-    arrays = {name: np.asarray(getattr(played, name))[:episodes] for name in names}
-    order = np.argsort(arrays["reward"].sum(axis=1), kind="stable")
-    shown = order[[0, len(order) // 2, -1]]
+def _shown(played: Evaluation, episodes: int) -> np.ndarray:
+    """The worst, the median and the best episode by return."""
+    returns = np.asarray(played.reward)[:episodes].sum(axis=1)
+    order = np.argsort(returns, kind="stable")
+    return order[[0, len(order) // 2, -1]]
+
+
+def _film(env: Env, played: Evaluation, params: Any, shown: np.ndarray, path: Path) -> None:
+    """Writes a video of three episodes side by side. A policy that sees its stage says which one it
+    is at."""
     panels = []
     for one, kind in zip(shown, ("worst", "median", "best"), strict=True):
         film = filming.episode(env, jax.tree.map(lambda x, one=one: x[one], played.states))
         stages = policy_rewards.stages_in_words(params, played.remembered[one])
         words = [f"{kind}, {stage}" for stage in stages] or [kind] * len(film)
         panels.append(filming.with_captions(film, words))
-    video.write_video(folder / "rollout.mp4", np.concatenate(panels, axis=2), env.control_hz)
-    np.savez(folder / "rollouts.npz", **arrays, shown=shown)
+    video.write_video(path, np.concatenate(panels, axis=2), env.control_hz)

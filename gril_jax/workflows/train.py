@@ -192,8 +192,8 @@ def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict
     """Runs all updates, chunk by chunk; saves the policy and returns the results."""
     config, algorithm = run.config, program.algorithm
     name, plan = config.run.algorithm, policies.plan_of(config, algorithm)
-    total = plan.updates * plan.steps
-    phase = run.progress.phase("learning the policy", total=total, unit="env steps")
+    total, early = plan.updates * plan.steps, plan.least is not None
+    phase = run.progress.phase("learning the policy", total=total, unit="env steps", at_most=early)
 
     def row(done: int, found: Any) -> dict[str, Any]:
         line = {name: values[0] for name, values in policies.metrics_of(plan, done, found).items()}
@@ -204,10 +204,22 @@ def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict
     trained = policies.train(
         program, params, plan, config, name=name, run=run.dir, echo=run.echo, row=row
     )
-    state = jax.tree.map(lambda x: x[0], trained.state)
-    results = {"env_steps": total, "state_sha256": state_leaves.digest(state)}
-    saved = run.dir.save_part("policy", total, algorithm.policy(state))
+    policy, state = jax.tree.map(lambda x: x[0], (trained.policy, trained.state))
+    results = {"env_steps": trained.env_steps, "state_sha256": state_leaves.digest(state)}
+    saved = run.dir.save_part("policy", trained.env_steps, policy)
+    if early:
+        results["policy_env_steps"] = trained.kept[0]
+        run.echo(_ended(trained, plan))
     stall = trained.stall_s
     run.dir.note_time(phase=name, compile_s=program.seconds, checkpoint_stall_s=stall)
     run.dir.finish_phase("policy", results, saved)
     return results
+
+
+def _ended(trained: policies.Learned, plan: policies.Plan) -> str:
+    """Why a training without a fixed length ended, and which policy is kept."""
+    steps = trained.env_steps
+    why = "evaluations no longer improve"
+    if steps >= plan.updates * plan.steps:
+        why = "--max-steps is reached"
+    return f"{why} after {steps:,} env steps: the best policy, of {trained.kept[0]:,}, is kept"

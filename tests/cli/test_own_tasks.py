@@ -14,6 +14,7 @@ from support.paths import REPOSITORY
 from gril_jax.cli import main
 from gril_jax.config.files import load
 from gril_jax.demos.demo_set import load_demo_set
+from gril_jax.demos.vision.video import read_video
 from gril_jax.export.reward_file import load_reward
 from gril_jax.runs import reading, run_dir
 
@@ -79,7 +80,10 @@ def test_every_verb_works_on_a_task_of_ones_own(foreign, capsys, monkeypatch):
     (folder / "my_task.py").rename(folder / "moved.py")
     assert "my_task.py does not exist: if it lies elsewhere" in _fault(capsys, "eval", "run")
     moved = ["--task", "moved.py:make"]
-    assert main.main(["eval", "run", "--episodes", "2", *moved]) == 0
+    capsys.readouterr()
+    assert main.main(["eval", "run", "--episodes", "2", "--film", *moved]) == 0
+    assert "film: run/eval.mp4 (the worst, the median and the best" in capsys.readouterr().out
+    assert read_video(folder / "run" / "eval.mp4").shape[2] == 3 * 384
     with open("moved.py", "a") as file:
         file.write("# more\n")
     said = _fault(capsys, "export", "run", "--out", "other.npz", *moved)
@@ -113,7 +117,8 @@ def test_demonstrations_come_from_the_tasks_expert(folder):
 MISTAKES = [
     ("gone.py:make", "gone.py does not exist"),
     ("my_task.py:mak", "my_task.py has no mak (did you mean 'make'?)"),
-    ("my_task.py", "must be FILE.py:FUNCTION, such as my_task.py:make"),
+    ("gone.py", "gone.py does not exist"),
+    ("two.py", "two.py has the functions make, other, so the task must be named as in two.py:make"),
     ("my_task.py:os.system", "must end with the name of a function"),
     ("my_tsak", "there is no task 'my_tsak': the tasks are match_regions"),
 ]
@@ -121,8 +126,31 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("name", "fault"), MISTAKES)
 def test_a_task_that_cannot_be_found_is_refused(folder, capsys, name, fault):
+    (folder / "two.py").write_text(f"{own_task.TASK}\ndef other():\n    pass\n")
     assert fault in _fault(capsys, "train", "--task", name, "--demos", "mine", "--out", "run")
     assert not (folder / "run").exists()
+
+
+def test_a_file_alone_will_do_where_it_has_one_function(folder):
+    work = main._plan(["train", "small.yaml", "--task", "my_task.py", "--demos", "mine"])
+    assert callable(work)
+    (folder / "alone.yaml").write_text("env: {name: my_task.py}\n")
+    assert load("alone.yaml").env.name == f"{folder / 'my_task.py'}"
+
+
+def test_videos_of_ones_own_need_a_task_to_train_a_policy(folder, capsys):
+    said = _fault(capsys, "train", "--demos", "mine", "--out", "run")
+    assert "gril train needs --task, the simulation in which a policy learns what mine" in said
+    assert "such as --task my_task.py:make; gril pretrain learns the reward alone" in said
+    assert not (folder / "run").exists()
+
+
+def test_a_reward_without_a_set_says_whose_demonstrations_it_takes(folder, capsys):
+    assert callable(main._plan(["pretrain", "--demos.num", "9"]))
+    said = "no --demos is given, so 9 scripted demonstrations of match_regions are made first"
+    assert said in capsys.readouterr().out
+    main._plan(["pretrain", "--task", "my_task.py:make", "--demos", "mine"])
+    assert capsys.readouterr().out == ""
 
 
 CHANGES = [

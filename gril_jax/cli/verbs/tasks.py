@@ -21,6 +21,7 @@ from ..arguments import (
     demo_set_to_write,
     echo,
     existing_folder,
+    named_detector,
     named_task,
     require_new_file,
     require_task,
@@ -69,7 +70,7 @@ class _Import:
     """Folder of the demonstration set."""
     boxes: str = "auto"
     """auto reads the boxes beside each video, in any of the formats that are known; colour finds
-    the objects of MAGICAL's palette; module:function is a detector of yours, from frames to
+    the objects of MAGICAL's palette; FILE.py:FUNCTION is a detector of yours, from frames to
     boxes."""
     detect: str | None = None
     """What to find in videos without boxes: classes with commas between them, such as "2 cups,
@@ -107,6 +108,7 @@ def _videos(given: _Import) -> Work:
     if given.boxes == "colour" and given.half_extent is None:
         raise ConfigError("gril demos import-videos needs --half-extent where --boxes is colour")
     options = {one.name: getattr(given, one.name) for one in fields(_Import)}
+    options["boxes"] = named_detector(given.boxes)
     folders = existing_folder(options.pop("source")), demo_set_to_write(options.pop("out"))
     return experiment("import_videos", *folders, **options)
 

@@ -117,7 +117,13 @@ def _pretrain(args: list[str]) -> Work:
     about = "Learn a reward; without CONFIG, from videos of your own that --demos names."
     begin = lambda given: _begun(given, "pretrain", start(given, films_alone=True))  # noqa: E731
     given = read(_Train(), args, prog, about, begin, policies=False)
-    return _run(given, "pretrain", prog, films=True)
+    work = _run(given, "pretrain", prog, films=True)
+    if given.resume is None and given.demos.path is None:
+        echo(
+            f"no --demos is given, so {given.demos.num} scripted demonstrations of "
+            f"{given.env.shown_name} are made first"
+        )
+    return work
 
 
 @dataclass(frozen=True)
@@ -157,6 +163,8 @@ class _Eval:
     held-out initial states, and from the nominal one if the task has a single one."""
     engine: Literal["kernel", "impulse", "mjx"] | None = None
     """Physics solver to play in, of MatchRegions and MAGICAL's tasks; None is the run's own."""
+    film: bool = False
+    """Write RUN/eval.mp4: the worst, the median and the best episode by return."""
     task: str | None = None
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
 

@@ -25,6 +25,7 @@ from gril_jax.runs.memory import Run
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import evaluated_from
 
+from . import stopping
 from .encoders import Echo, keys, stack
 
 POLICY_STREAM = 1  # of a run's random numbers
@@ -33,11 +34,12 @@ POLICY_STREAM = 1  # of a run's random numbers
 class Plan(NamedTuple):
     """The updates of a training, in chunks of one compiled call, and when it evaluates."""
 
-    updates: int
+    updates: int  # the most, where evaluations end it
     per_chunk: int
     evaluations: int
     steps: int  # environment steps of an update, of one policy
     episodes: int = 0  # of an evaluation, of either kind of actions
+    least: int | None = None  # updates before evaluations may end it; None: they never do
 
     @property
     def chunks(self) -> int:
@@ -57,18 +59,24 @@ class Plan(NamedTuple):
         due = [self.done(n) * self.evaluations // self.updates for n in (chunk, chunk + 1)]
         return due[0] != due[1]
 
+    def evaluated_at(self, number: int) -> int:
+        """Environment steps before an evaluation, counted from 0."""
+        chunks = itertools.islice(filter(self.examines, range(self.chunks)), number, None)
+        return self.done(next(chunks) + 1) * self.steps
+
 
 def plan_of(config: RunConfig, algorithm: training.Algorithm) -> Plan:
     """The plan of a configuration."""
     steps = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // steps)
-    return Plan(
-        updates,
-        config.run.updates_per_chunk,
-        config.run.evaluations,
-        steps,
-        algorithm.num_envs // 2,
-    )
+    run, most = config.run, config.run.max_steps
+    fixed = Plan(updates, run.updates_per_chunk, run.evaluations, steps, algorithm.num_envs // 2)
+    if most is None or not evaluates(config, algorithm):
+        return fixed
+    # Evaluations come as often as they would in a training of the fixed length.
+    at_most = -(-most // steps)
+    often = max(1, round(run.evaluations * at_most / updates))
+    return fixed._replace(updates=at_most, evaluations=often, least=min(updates, at_most))
 
 
 class Compiled(NamedTuple):
@@ -106,6 +114,16 @@ def compiled_for(
     return Compiled(algorithm, layout, done, begin, hyper, time.monotonic() - started)
 
 
+class Learned(NamedTuple):
+    """The results of a training of S policies."""
+
+    policy: Any  # leaves (S, ...): the last ones, or the best where evaluations end the training
+    state: Any  # the algorithm's, after the last update
+    env_steps: int  # in all, of each seed
+    kept: list[int]  # environment steps after which the policy of each seed was as it is
+    stall_s: float  # that the longest copy of a checkpoint held the training up
+
+
 def train(
     program: Compiled,
     params: Any,
@@ -116,8 +134,8 @@ def train(
     run: Run,
     echo: Echo,
     row: Callable[[int, Any], dict[str, Any]],
-) -> loop.Trained:
-    """Runs all updates as the phase `name`; the state has a leading axis S.
+) -> Learned:
+    """Runs all updates as the phase `name`, or those until evaluations end it.
 
     Args:
       params: the policy rewards' parameters (S, ...).
@@ -126,30 +144,57 @@ def train(
         metrics.jsonl; scores mean something where `plan.examines`.
     """
     init, run_chunk = program.functions
-    hyper = program.hyper
+    hyper, policy_of = program.hyper, program.algorithm.policy
     params = sharding.place(program.layout, params)
-    begun = loop.restore(run, name, init(program.keys, hyper), tell=echo)
+    fresh = init(program.keys, hyper)
+    if plan.least is not None:
+        sizes = {"evaluations": plan.evaluations, "seeds": len(program.keys)}
+        fresh = stopping.begin(fresh, policy_of(fresh), **sizes)
+    begun = loop.restore(run, name, fresh, tell=echo)
     chunks = itertools.count(begun.chunks)
 
     def advance(state: Any) -> Any:
         chunk = next(chunks)
         count, examine = jnp.int32(plan.count(chunk)), jnp.asarray(plan.examines(chunk))
-        return run_chunk(state, hyper, params, count, examine)
+        if plan.least is None:
+            return run_chunk(state, hyper, params, count, examine)
+        inner, found = run_chunk(state.state, hyper, params, count, examine)
+        state = state._replace(state=inner)
+        if plan.examines(chunk):
+            success, value = (x[:, 0, 0] for x in (found[1].success, found[1].reward))
+            state = stopping.noted(state, success, value, policy_of(inner))
+        return state, found
+
+    def is_over(done: int, state: Any) -> bool:
+        if plan.least is None or plan.done(done) < plan.least or not plan.examines(done - 1):
+            return False
+        return stopping.is_over(state)
 
     def line(done: int, seconds: float, found: Any) -> dict[str, Any]:
         steps = plan.done(done) * plan.steps
         speed = steps * len(program.keys) / seconds
         return row(done, found) | {"env_steps": steps, "env_steps_per_s": speed}
 
-    return loop.run_chunks(
+    done = loop.run_chunks(
         advance, begun, run=run, name=name, chunks=plan.chunks, row=line,
-        every_s=config.run.checkpoint_every,
+        every_s=config.run.checkpoint_every, is_over=is_over,
     )  # fmt: skip
+    steps, state = plan.done(done.chunks) * plan.steps, done.state
+    if plan.least is None:
+        return Learned(policy_of(state), state, steps, [steps] * len(program.keys), done.stall_s)
+    kept = [plan.evaluated_at(int(number)) for number in stopping.best_so_far(state)]
+    return Learned(state.best, state.state, steps, kept, done.stall_s)
+
+
+def evaluates(config: RunConfig, algorithm: training.Algorithm) -> bool:
+    """True if policies are evaluated in training, each kind of actions in half of the
+    environments."""
+    return bool(config.run.evaluations) and algorithm.num_envs % 2 == 0
 
 
 def tasks_to_evaluate(config: RunConfig, algorithm: training.Algorithm) -> list[Env]:
     """The task whose starts evaluations during training begin from; empty if there are none."""
-    if not config.run.evaluations or algorithm.num_envs % 2:
+    if not evaluates(config, algorithm):
         return []
     return [setup.make_env(config.env, training=False, variant=evaluated_from(config.env).many)]
 

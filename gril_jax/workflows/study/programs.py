@@ -1,5 +1,6 @@
 """The policies of a study's rows: those that compile to the same program train side by side."""
 
+import dataclasses
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -132,8 +133,10 @@ def _compiled(program: Program, devices: Sequence[Any]) -> policies.Compiled:
 
 
 def _plan(config: RunConfig, algorithm: training.Algorithm) -> policies.Plan:
-    """The plan of a training that has all evaluations, and at least the last one."""
-    plan = policies.plan_of(config, algorithm)
+    """The plan of a training that has all evaluations, and at least the last one; the same length
+    for all policies, which are compared."""
+    fixed = dataclasses.replace(config, run=dataclasses.replace(config.run, max_steps=None))
+    plan = policies.plan_of(fixed, algorithm)
     evaluations = max(1, min(plan.evaluations, plan.updates))
     most = min(plan.per_chunk, plan.updates // evaluations)
     return plan._replace(evaluations=evaluations, per_chunk=most)
@@ -174,7 +177,7 @@ def learn_policies(
     in the first of the tasks, `success_sampled` with sampled ones. `success_layout` and
     `success_layout_sampled` are those in "layout".
     """
-    rows, algorithm = program.rows, program.algorithm
+    rows = program.rows
     configs = [row.config for row in rows]
     learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
     each = [_parameters(one, found, demos) for one, found in zip(configs, learned, strict=True)]
@@ -199,8 +202,8 @@ def learn_policies(
     done = policies.train(
         ready, params, plan, configs[0], name=program.name, run=run, echo=echo, row=row
     )
-    trained = hosts.gathered(algorithm.policy(done.state))
-    saved = run.save_part(f"policies/{program.name}", plan.updates * plan.steps, trained)
+    trained = hosts.gathered(done.policy)
+    saved = run.save_part(f"policies/{program.name}", done.env_steps, trained)
     results = {
         "rows": [(row.cell, row.seed) for row in rows],
         "taus": [found and found.tau for found in learned],

@@ -42,10 +42,13 @@ def test_a_detector_of_ones_own_is_called(tmp_path, monkeypatch):
     write_video(tmp_path / "a.mp4", frames, 10.0)
     film = look(tmp_path / "a.mp4")
     found = detecting("my_detector:detect")(film)
+    of_file = detecting(f"{tmp_path / 'my_detector.py'}:detect")(film)
+    assert [one.edges for one in of_file] == [one.edges for one in found]
     assert len(found) == 40
     np.testing.assert_allclose(found[39].edges, [49, 20, 69, 40], atol=2)
     for name, words in {
-        "my_detector": "must be module:function",
+        "my_detector": "must be FILE.py:FUNCTION, or module:function",
+        "gone.py:detect": "the detector file gone.py does not exist",
         "my_detector:none": "cannot be imported",
         "no_such_module:detect": "cannot be imported",
         "my_detector:number": "must be a function",

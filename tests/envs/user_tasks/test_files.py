@@ -26,7 +26,7 @@ def forget(monkeypatch):
 @pytest.mark.parametrize(
     ("name", "fault"),
     [
-        ("my_task.py", "must be FILE.py:FUNCTION, such as my_task.py:make"),
+        ("gone.py", "gone.py does not exist"),
         ("my_task.py:", "must end with the name of a function"),
         ("my_task.py:os.system", "must end with the name of a function"),
         ("my_task.py:make()", "must end with the name of a function"),
@@ -45,6 +45,30 @@ def test_a_reference_is_absolute(tmp_path, monkeypatch):
     assert str(files.reference("a/../my_task.py:make")) == f"{tmp_path}/my_task.py:make"
     assert files.is_reference("my_task.py:make")
     assert not files.is_reference("my_package.my_task:SPEC")
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("def make(): pass", "make"),
+        ("from os import path\nclass Task: pass\ndef _own(): pass\nmine = lambda: Task()\n"
+         "def build(): return Task()", "build"),
+        ("async def make(): pass\ndef other(): pass", "has the functions make, other, so the task"),
+        ("def _make(): pass", "has no public function, so the task must be named as in a.py:make"),
+        ("def make(:", "line 1: SyntaxError"),
+        ("def make(): pass\0", "cannot contain null bytes"),
+    ],
+)  # fmt: skip
+def test_a_file_alone_names_its_only_public_function_and_is_not_run(tmp_path, text, found):
+    file = tmp_path / "a.py"
+    file.write_text(f"{text}\n")
+    if found.isidentifier():
+        assert files.reference(str(file)) == files.Reference(file, found)
+    else:
+        with pytest.raises(ValueError, match=found):
+            files.reference(str(file))
+    with pytest.raises(ValueError, match=r"the detector file .*gone\.py does not exist"):
+        files.reference(str(tmp_path / "gone.py"), "detector")
 
 
 def test_a_file_that_was_never_named_is_not_run(tmp_path):
