@@ -193,7 +193,7 @@ def test_eval_hands_on_its_options(experiment, run):
 def test_report_hands_on_the_run(experiment, run):
     calls = experiment("report")
     assert main.main(["report", str(run)]) == 0
-    assert calls == [((run,), {"echo": arguments.echo})]
+    assert calls == [((run,), {"demos": None, "echo": arguments.echo})]
 
 
 def test_report_draws_the_page_of_a_study_anew(experiment, tmp_path, monkeypatch):
