@@ -65,8 +65,8 @@ class RunSettings:
         default=None, metadata=optional(at_least(1))
     )
     """Environment steps at most. Training goes on after num_timesteps until evaluations have not
-    improved for a fifth of the steps, or succeed, and the best policy is kept. None, or no
-    evaluations, end it at num_timesteps."""
+    improved for a fifth of the steps; it ends at once if they succeed. The best policy is kept.
+    None, or no evaluations, end it at num_timesteps."""
     out: Annotated[str | None, short("--out")] = field(
         default=None, metadata=optional(rule(str.strip, "a folder or None"))
     )

@@ -219,7 +219,7 @@ def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict
 def _ended(trained: policies.Learned, plan: policies.Plan) -> str:
     """Why a training without a fixed length ended, and which policy is kept."""
     steps = trained.env_steps
-    why = "evaluations no longer improve"
+    why = "evaluations succeed, or no longer improve,"
     if steps >= plan.updates * plan.steps:
         why = "--max-steps is reached"
     return f"{why} after {steps:,} env steps: the best policy, of {trained.kept[0]:,}, is kept"

@@ -250,8 +250,8 @@ def test_every_field_is_an_option_and_there_are_few():
         for s, section in SECTIONS.items()
         for f in dataclasses.fields(section)
     }
-    shortcuts = {"--task", "--demos", "--out", "--seed", "--reward", "--algorithm", "--lambda"}
-    assert set(options(RunConfig)) == names | shortcuts
+    short = {"--task", "--demos", "--out", "--seed", "--reward", "--algorithm", "--max-steps"}
+    assert set(options(RunConfig)) == names | short | {"--lambda"}
     few = (SECTIONS["env"], SECTIONS["demos"], SECTIONS["run"])
     assert sum(len(dataclasses.fields(section)) for section in few) <= 28
 

@@ -39,7 +39,7 @@ class Plan(NamedTuple):
     evaluations: int
     steps: int  # environment steps of an update, of one policy
     episodes: int = 0  # of an evaluation, of either kind of actions
-    least: int | None = None  # updates before evaluations may end it; None: they never do
+    least: int | None = None  # updates after which a plateau ends it; None: evaluations never do
 
     @property
     def chunks(self) -> int:
@@ -166,9 +166,9 @@ def train(
         return state, found
 
     def is_over(done: int, state: Any) -> bool:
-        if plan.least is None or plan.done(done) < plan.least or not plan.examines(done - 1):
+        if plan.least is None or not plan.examines(done - 1):
             return False
-        return stopping.is_over(state)
+        return stopping.is_over(state, early=plan.done(done) < plan.least)
 
     def line(done: int, seconds: float, found: Any) -> dict[str, Any]:
         steps = plan.done(done) * plan.steps

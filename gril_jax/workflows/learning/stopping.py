@@ -59,15 +59,16 @@ def best_so_far(watched: Watched) -> np.ndarray:
     return best(np.asarray(watched.success)[:done], np.asarray(watched.value)[:done])
 
 
-def is_over(watched: Watched) -> bool:
-    """True if all seeds have succeeded, or have not improved for a fifth of their steps."""
+def is_over(watched: Watched, *, early: bool = False) -> bool:
+    """True if all seeds have succeeded, or have not improved for a fifth of their steps; `early`
+    only if all have succeeded."""
     done = count(watched)
     if done < TOGETHER:
         return False
     success, value = (np.asarray(x)[:done] for x in (watched.success, watched.value))
     solved = means(success).max(axis=0) >= _SOLVED
     late = np.maximum(improved(success), improved(value)) + 1 > (1 - PATIENCE) * done
-    return bool((solved | ~late).all())
+    return bool((solved if early else solved | ~late).all())
 
 
 def means(scores: Float[np.ndarray, "E S"]) -> Float[np.ndarray, "E S"]:

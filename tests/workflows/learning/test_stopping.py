@@ -70,6 +70,8 @@ def test_success_ends_it_at_once_and_counts_for_good():
     won = np.concatenate([np.linspace(0, 0.9, 5), [0.99, 0.99, 1.0]])
     climbing = np.linspace(0, 0.7, 8)
     assert stopping.is_over(_watched(won[:, None]))
+    assert stopping.is_over(_watched(won[:, None]), early=True)
+    assert not stopping.is_over(_watched(np.zeros((20, 1))), early=True)
     assert not stopping.is_over(_watched(np.stack([won, climbing], 1)))
     later = np.concatenate([won, np.linspace(0.9, 0.95, 3)])
     also = np.concatenate([climbing, [1, 1, 1]])
@@ -156,7 +158,7 @@ def test_without_evaluations_or_a_maximum_the_length_is_fixed(given):
     config = load("own_task", given)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     plan = policies.plan_of(config, algorithm)
-    assert (plan.least, plan.updates) == (None, -(-5_000_000 // plan.steps))
+    assert (plan.least, plan.updates) == (None, -(-8_000_000 // plan.steps))
 
 
 def test_a_smaller_maximum_is_the_length_and_evaluations_keep_their_distance():
@@ -165,5 +167,5 @@ def test_a_smaller_maximum_is_the_length_and_evaluations_keep_their_distance():
     plan = policies.plan_of(config, algorithm)
     assert (plan.updates, plan.least, plan.evaluations) == (131, 131, 5)
     plan = policies.plan_of(load("own_task"), algorithm)
-    assert (plan.updates, plan.least, plan.evaluations) == (2605, 652, 100)
+    assert (plan.updates, plan.least, plan.evaluations) == (2605, 1042, 100)
     assert plan.evaluated_at(0) == 28 * 7680  # the seventh chunk of 4 updates
