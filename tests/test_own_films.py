@@ -275,7 +275,8 @@ def test_a_task_learns_from_films_as_noisy_as_they_are(home, capsys, monkeypatch
     found = []
     take = lambda *_, config, **__: found.append(config.pool) or (lambda: 0)  # noqa: E731
     monkeypatch.setattr(training, "experiment", take)
-    for args in ([], ["quickstart"], [str(home / "noted.yaml")], ["--pool.noise", "0.2"]):
+    task = ["--task", "move_to_corner"]
+    for args in (task, ["quickstart"], [str(home / "noted.yaml")], [*task, "--pool.noise", "0.2"]):
         assert main.main(["train", *args, "--demos", str(rough)]) == 0
     assert [(pool.noise, pool.rule()["smoothing"]) for pool in found] == [
         (0.004, 3), (0.004, 3), (0.1, 3), (0.2, 3),

@@ -83,6 +83,8 @@ def main(
     env = setup.task_of(config.env)
     demonstrations.require_usable(config, env, begun=resume is not None)
     with opened(config, "pretrain", resume, hard_negatives, echo) as run:
+        if resume is None and (said := demonstrations.announced(config)):
+            echo(said)
         demos = demonstrations.gather_once(config, env, run.dir, run.progress)
         if env is None:
             words = vocabulary.of_set(demos.demo_set, config.env.name)

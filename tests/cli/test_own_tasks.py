@@ -12,11 +12,14 @@ from support import own_task
 from support.paths import REPOSITORY
 
 from gril_jax.cli import main
+from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.demos.vision.video import read_video
 from gril_jax.export.reward_file import load_reward
 from gril_jax.runs import reading, run_dir
+from gril_jax.workflows.build import demonstrations
+from gril_jax.workflows.study.recipe import changed
 
 
 @pytest.fixture
@@ -145,12 +148,11 @@ def test_videos_of_ones_own_need_a_task_to_train_a_policy(folder, capsys):
     assert not (folder / "run").exists()
 
 
-def test_a_reward_without_a_set_says_whose_demonstrations_it_takes(folder, capsys):
-    assert callable(main._plan(["pretrain", "--demos.num", "9"]))
+def test_a_reward_without_a_set_says_whose_demonstrations_it_takes():
+    config = changed(RunConfig(), {"demos.num": 9})
     said = "no --demos is given, so 9 scripted demonstrations of match_regions are made first"
-    assert said in capsys.readouterr().out
-    main._plan(["pretrain", "--task", "my_task.py:make", "--demos", "mine"])
-    assert capsys.readouterr().out == ""
+    assert demonstrations.announced(config) == said
+    assert demonstrations.announced(changed(config, {"demos.path": "mine"})) is None
 
 
 CHANGES = [

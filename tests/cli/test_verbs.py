@@ -185,7 +185,8 @@ def test_eval_hands_on_its_options(experiment, run):
     calls = experiment("evaluate")
     assert main.main(["eval", str(run), "--episodes=7", "--variant", "layout"]) == 0
     wanted = {
-        "episodes": 7, "seed": 0, "variant": "layout", "engine": None, "echo": arguments.echo,
+        "episodes": 7, "seed": 0, "variant": "layout", "engine": None, "film": False,
+        "echo": arguments.echo,
     }  # fmt: skip
     assert calls == [((run,), wanted)]
 

@@ -117,13 +117,7 @@ def _pretrain(args: list[str]) -> Work:
     about = "Learn a reward; without CONFIG, from videos of your own that --demos names."
     begin = lambda given: _begun(given, "pretrain", start(given, films_alone=True))  # noqa: E731
     given = read(_Train(), args, prog, about, begin, policies=False)
-    work = _run(given, "pretrain", prog, films=True)
-    if given.resume is None and given.demos.path is None:
-        echo(
-            f"no --demos is given, so {given.demos.num} scripted demonstrations of "
-            f"{given.env.shown_name} are made first"
-        )
-    return work
+    return _run(given, "pretrain", prog, films=True)
 
 
 @dataclass(frozen=True)

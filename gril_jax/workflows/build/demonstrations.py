@@ -37,6 +37,16 @@ class Demonstrations(NamedTuple):
         return demo_batch(self.demo_set, self.names[split])
 
 
+def announced(config: RunConfig) -> str | None:
+    """A sentence on the scripted demonstrations that a run makes; None if it has a set."""
+    if config.demos.path is not None:
+        return None
+    return (
+        f"no --demos is given, so {config.demos.num} scripted demonstrations of "
+        f"{config.env.shown_name} are made first"
+    )
+
+
 def gather_once(
     config: RunConfig, env: Env | None, run: run_dir.RunDir, progress: Progress
 ) -> Demonstrations:

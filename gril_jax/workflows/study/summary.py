@@ -5,6 +5,7 @@ Shapes use n for the points of a line.
 
 import math
 import re
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ NAMES = ("study.md", "study.csv", "study.png", "report.html")
 
 _MOST = 4  # tiles
 _PANELS = 3  # in a row of the figure
+_TITLE = 34  # letters in a line of a panel's title
 # What is shown of rewards where no policies are: the first that is known.
 _DOTS = {
     "rho_held": "rho of held-out recordings, held to one length; lower is better",
@@ -97,11 +99,15 @@ def learning_curves(names: Sequence[str], found: Sequence[Curve]) -> Figure:
         scores = [x.scores[f"success{x.headline}_sampled"] for x in members]
         success = np.stack([[0.0, *values] for values in scores])
         draw_spread(panels[number], steps, success, number=number, label=shortened(name))
-        panels[number].set_title(shortened(name), fontsize=10)
+        panels[number].set_title(
+            textwrap.fill(shortened(name), _TITLE, break_on_hyphens=False), fontsize=10
+        )
         if number:
             panels[number].plot(*panels[0].lines[0].get_data(), ":", color=GREY)
-    for panel in panels[len(rows) :]:
-        panel.set_axis_off()
+    for number, panel in enumerate(panels):
+        panel.xaxis.set_tick_params(labelbottom=number + across >= len(rows))
+        if number >= len(rows):
+            panel.set_axis_off()
     panels[0].set_ylim(-0.03, 1.03)
     drawn.supxlabel("env steps of each policy, millions", fontsize=10)
     drawn.supylabel("success, sampled actions", fontsize=10)
