@@ -45,6 +45,7 @@ def train_policy(
       reward: a learned reward, or one for each seed; None takes the task's own.
       preset: a shipped configuration or the path of a YAML file; by default that of the task.
       demos: the demonstrations, where training resets to their states or the reward has stages.
+        With them, a policy for a task of your own has a network for each stage, and no file.
       seeds: policies to train side by side, from `seed` on.
       progress: show a progress line on stderr.
       options: sections of the configuration with the fields to change:
@@ -59,6 +60,8 @@ def train_policy(
       print(policy.evaluate(episodes=256))
     """
     config = settings.for_task(task, preset, options, seed, demos)
+    if demos is None and "reward" not in options.get("run", {}) and config.run.reward == "stages":
+        config = settings.changed(config, {"run": {"reward": "learned"}}, seed)
     rewards = _of_seeds(reward, seeds)
     if rewards[0] is None:
         config = settings.changed(config, {"run": {"reward": "environmental"}}, seed)

@@ -172,7 +172,7 @@ def require_plain(config: RunConfig) -> None:
     if config.run.algorithm != "ppo":
         return
     found = {
-        "sub-policies": ("sub_policies", ppo.sub_policies, ppo.sub_policies > 1),
+        "sub-policies": ("sub_policies", config.sub_policies, config.sub_policies > 1),
         "a network that reads objects one by one": ("by_object", ppo.by_object, ppo.by_object),
     }
     for what, (name, value, holds) in found.items():

@@ -75,7 +75,8 @@ class PPOConfig(PolicyConfig):
     """True if the policy reads each object with the same weights. Order and number of objects then
     do not matter."""
     sub_policies: int = field(default=1, metadata=between(1, 8))
-    """Networks, one for each stage of the learned reward (with `--reward stages`)."""
+    """Networks, one for each stage of the learned reward. With another `--reward` than stages
+    there is one."""
     noise_correlation: float = field(default=0.0, metadata=between(0, 1))
     """Fraction of the variance of an action's noise that stays the same between two updates, so
     that an environment explores in one direction."""

@@ -146,6 +146,12 @@ class MakeDemosConfig(DemoSections):
 class RunConfig(MakeDemosConfig, Sections):
     """All settings that a run depends on."""
 
+    @property
+    def sub_policies(self) -> int:
+        """Networks of the policy: more than one only for PPO on a reward in stages."""
+        staged = REWARDS[self.run.reward_form].staged and self.run.algorithm == "ppo"
+        return self.ppo.sub_policies if staged else 1
+
 
 def check(config: DemoSections) -> None:
     """Raises ConfigError for the first field that is out of range, with its dotted path."""
@@ -193,14 +199,6 @@ def _check_sizes(config: RunConfig) -> None:
             raise ConfigError(
                 f"env.max_envs is {env.max_envs}, but must be at least {path}, which is {number}"
             )
-    staged = [name for name, one in REWARDS.items() if one.staged]
-    if config.ppo.sub_policies > 1 and (
-        config.run.algorithm != "ppo" or config.run.reward not in staged
-    ):
-        raise ConfigError(
-            f"ppo.sub_policies is {config.ppo.sub_policies}, but must be 1 unless run.algorithm is "
-            f"'ppo' and run.reward is {alternatives(staged)}, whose stages sub-policies act in"
-        )
     if demos.path is None and pretrain.num_videos > demos.num:
         raise ConfigError(
             f"pretrain.num_videos is {pretrain.num_videos}, but must be at most demos.num, "

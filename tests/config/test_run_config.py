@@ -162,13 +162,12 @@ def test_a_reward_is_one_of_the_forms_or_has_been_learned_before():
         _with("run.reward", "lerned")
 
 
-def test_sub_policies_need_stages():
+def test_sub_policies_act_in_stages_and_other_rewards_have_one():
     ppo = PPOConfig(sub_policies=2)
     staged = RunSettings(reward="stages")
-    assert RunConfig(ppo=ppo, run=staged).ppo.sub_policies == 2
+    assert RunConfig(ppo=ppo, run=staged).sub_policies == 2
     for run in (RunSettings(), dataclasses.replace(staged, algorithm="sac")):
-        with pytest.raises(ConfigError, match=r"ppo\.sub_policies is 2, but must be 1 unless"):
-            RunConfig(ppo=ppo, run=run)
+        assert RunConfig(ppo=ppo, run=run).sub_policies == 1
 
 
 def test_pixels_learn_a_reward_of_a_task_without_pictures_for_a_policy():

@@ -102,11 +102,11 @@ def _export(given: _Export) -> Work:
 def _require_one_network(folder: Path, config: RunConfig) -> None:
     """Raises RunError for a policy that is more than a file of one network can hold."""
     ppo, algorithm = config.ppo, config.run.algorithm
-    if algorithm == "ppo" and ppo.sub_policies > 1:
+    if config.sub_policies > 1:
         raise RunError(
-            f"the policy of {folder} is {ppo.sub_policies} sub-policies, chosen by the "
+            f"the policy of {folder} is {config.sub_policies} sub-policies, chosen by the "
             "learned reward's stages, but a policy file holds one network: train with "
-            "--ppo.sub-policies 1"
+            "--reward learned"
         )
     if algorithm == "ppo" and ppo.by_object:
         raise RunError(

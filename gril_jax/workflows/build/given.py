@@ -71,7 +71,7 @@ def _reward(config: RunConfig, task: envs.TaskSpec) -> str:
 
 def _acting(config: RunConfig) -> str:
     """Who acts in the stages, in words; "" if it is one network."""
-    count = config.ppo.sub_policies if config.run.algorithm == "ppo" else 1
+    count = config.sub_policies
     return f", each with a sub-policy of its own ({count})" if count > 1 else ""
 
 

@@ -200,8 +200,8 @@ def stages_of(reward_params: Any) -> staircase.Staircase | None:
 def stages_note(config: RunConfig, reward_params: Any) -> str | None:
     """A sentence if the demonstrations agree on another number of stages than there are
     sub-policies, else None."""
-    found, asked = stages_of(reward_params), config.ppo.sub_policies
-    if found is None or config.run.algorithm != "ppo" or asked in (1, int(found.count)):
+    found, asked = stages_of(reward_params), config.sub_policies
+    if found is None or asked in (1, int(found.count)):
         return None
     if int(found.count) == 1:
         return (

@@ -1,6 +1,7 @@
 """Builds the algorithm that trains a policy, and reads back what a run has saved of it."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,10 @@ def policy_config(config: RunConfig) -> Any:
 def _chosen(config: RunConfig, name: str | None) -> tuple[Any, Any]:
     """An algorithm's class and its section."""
     name = name or config.run.algorithm
-    return find(ALGORITHMS[name].algorithm), getattr(config, name)
+    section = getattr(config, name)
+    if name == "ppo":
+        section = replace(section, sub_policies=config.sub_policies)
+    return find(ALGORITHMS[name].algorithm), section
 
 
 def fresh_policy(config: RunConfig, algorithm: training.Algorithm, key: PRNGKeyArray) -> Policy:

@@ -158,14 +158,14 @@ def test_without_evaluations_or_a_maximum_the_length_is_fixed(given):
     config = load("own_task", given)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     plan = policies.plan_of(config, algorithm)
-    assert (plan.least, plan.updates) == (None, -(-8_000_000 // plan.steps))
+    assert (plan.least, plan.updates) == (None, -(-config.ppo.num_timesteps // plan.steps))
 
 
 def test_a_smaller_maximum_is_the_length_and_evaluations_keep_their_distance():
     config = load("own_task", ("--max-steps", "1000000"))
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     plan = policies.plan_of(config, algorithm)
-    assert (plan.updates, plan.least, plan.evaluations) == (131, 131, 5)
+    assert (plan.updates, plan.least, plan.evaluations) == (66, 66, 5)
     plan = policies.plan_of(load("own_task"), algorithm)
-    assert (plan.updates, plan.least, plan.evaluations) == (2605, 1042, 100)
-    assert plan.evaluated_at(0) == 28 * 7680  # the seventh chunk of 4 updates
+    assert (plan.updates, plan.least, plan.evaluations) == (1303, 1042, 100)
+    assert plan.evaluated_at(0) == 16 * 15360  # the fourth chunk of 4 updates
