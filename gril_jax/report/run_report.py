@@ -205,10 +205,10 @@ def _next(run: Inputs) -> list[Step]:
     steps.append(Step("Search for states that the reward overestimates.", f"gril audit {at}"))
     steps.append(Step("Find the subtasks in the reward.", f"gril subtasks {at}"))
     if run.rows[run.config.run.algorithm]:
-        steps += [
-            Step("Play the policy from other starts.", f"gril eval {at} --episodes 1000"),
-            Step("Take the policy to a robot.", f"gril export {at} --what policy --out policy.npz"),
-        ]
+        steps.append(Step("Play the policy from other starts.", f"gril eval {at} --episodes 1000"))
+        if run.config.sub_policies == 1:  # a policy file holds one network
+            export = f"gril export {at} --what policy --out policy.npz"
+            steps.append(Step("Take the policy to a robot.", export))
     steps.append(
         Step("Take the reward to your own simulator.", f"gril export {at} --out reward.npz")
     )

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.run_folders import RESULTS, save_demos, save_profiles, save_run
 
-from gril_jax.config import RunConfig, RunSettings
+from gril_jax.config import PPOConfig, RunConfig, RunSettings
 from gril_jax.errors import RunError
 from gril_jax.report.headline import headline
 from gril_jax.report.html import Cell, Section, Table, render
@@ -119,11 +119,19 @@ def _bytes(address):
         "1 x cpu",
         "drawn for a test",
         "num_timesteps: 1000000",
+        "gril export",
+        "--what policy",
         "jax",
     ],
 )
 def test_the_page_says_what_was_run_and_what_came_of_it(finished, text):
     assert text in finished[1].text
+
+
+def test_a_policy_of_several_networks_is_not_to_be_exported(tmp_path, monkeypatch):
+    monkeypatch.setattr("gril_jax.report.run_report.png", lambda figure: b"a picture")
+    staged = RunConfig(ppo=PPOConfig(sub_policies=2), run=RunSettings(reward="stages"))
+    assert "--what policy" not in report(save_run(tmp_path / "run", config=staged)).text
 
 
 def test_every_picture_has_a_caption_and_an_alternative_text(finished):
