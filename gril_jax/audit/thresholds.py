@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 
 class Threshold(NamedTuple):
-    """What one figure of an audit must be."""
+    """The bound of one figure of an audit."""
 
     direction: str  # "at least", "above" or "at most"; "" for a figure without a threshold
     limit: float

@@ -76,7 +76,7 @@ def available_bytes(device: Any) -> int | None:
 
 
 def margin() -> int:
-    """How many times its prediction a program may take on JAX's default devices."""
+    """Bytes that a program may take on JAX's default devices, as a multiple of the prediction."""
     return _GPU_MARGIN if jax.default_backend() == "gpu" else 1
 
 

@@ -270,6 +270,6 @@ class StageOptions:
     sets: bool = False
     """Write each subtask's demonstrations as a separate set, videos included."""
     demos: str | None = None
-    """Where the run's demonstration set is now; None: where it was, or beside the run."""
+    """Folder of the run's demonstration set now; None: where it was, or beside the run."""
     task: str | None = None
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""

@@ -73,10 +73,11 @@ class _Import:
     the objects of MAGICAL's palette; FILE.py:FUNCTION is a detector of yours, from frames to
     boxes."""
     detect: str | None = None
-    """What to find in videos without boxes: classes with commas between them, such as "2 cups,
+    """Objects to find in videos without boxes: classes with commas between them, such as "2 cups,
     hand", or an ONNX file of YOLOX, RF-DETR or YOLO."""
     detect_model: str | None = None
-    """What finds it: a model of Hugging Face or its folder, or an ONNX file; None is OWLv2."""
+    """Detector of these objects: a model of Hugging Face or its folder, or an ONNX file; None is
+    OWLv2."""
     detect_score: float | None = field(default=None, metadata=optional(between(0.01, 0.99)))
     """Score of a box, at least; None is 0.1 for OWL-ViT and OWLv2, 0.3 for others."""
     names: str | None = None

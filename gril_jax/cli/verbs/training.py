@@ -124,7 +124,7 @@ def _pretrain(args: list[str]) -> Work:
 class _Report:
     run: RunFolder
     demos: str | None = None
-    """Where the run's demonstration set is now; None: where it was, or beside the run."""
+    """Folder of the run's demonstration set now; None: where it was, or beside the run."""
 
 
 def _report(given: _Report) -> Work:

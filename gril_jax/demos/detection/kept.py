@@ -43,7 +43,7 @@ class Kept:
         self._videos: dict[str, Any] = found["videos"] if same else {}
 
     def _header(self) -> dict[str, Any]:
-        """What the folder says; a DemoError if it is somebody else's."""
+        """The header in the folder, {} if there is none; a DemoError if it is somebody else's."""
         try:
             found = json.loads((self.folder / HEADER).read_text(encoding="utf-8"))
         except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""How exported detectors want a picture, and how their outputs become boxes and scores.
+"""Input and output layouts of exported detectors: outputs to boxes and scores.
 
 The kind is told from the outputs' shapes. Shapes use S for the pixels of the input (height and
 width), N for candidates and C for classes; edges are x_min, y_min, x_max, y_max in input pixels.
