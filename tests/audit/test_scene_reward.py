@@ -12,16 +12,12 @@ from gril_jax.errors import ConfigError
 from gril_jax.reward.learned_reward import LearnedReward
 
 
-@pytest.mark.parametrize(
-    "kind", ["paper", "ensemble", pytest.param("history", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("kind", ["paper", "ensemble"])
 def test_it_is_the_learned_reward(kind):
     config = CONFIGS[kind]
     scene = start()._replace(label=jnp.array([1, 2, 2, 3, 0]))
     learned = LearnedReward(made(config), config, ("goal", "robot", "star", "square"))
     boxes = scene.center, scene.size
-    if kind == "history":
-        boxes = (jnp.stack([x] * 3) for x in boxes)
     wanted = learned(*boxes, scene.active, label=scene.label, is_robot=scene.is_robot)
     found = scene_reward(config)(made(config), scene)
     np.testing.assert_allclose(found, wanted, rtol=1e-6)
