@@ -57,7 +57,10 @@ def _tell(config: RunConfig, verb: str, progress: Progress, echo: Callable[[str]
         seconds, early = _policy(config, progress, echo)
         took, about = took + seconds, "at most" if early else "about"
     where = config.run.out or "a new folder below runs/"
-    echo(f"in all {about} {in_words(took)} on {setup.device_in_words()}; results go to {where}")
+    made = " after the demonstrations are made" if config.demos.path is None else ""
+    device = setup.device_in_words()
+    progress.end_phase()  # or its last line would follow
+    echo(f"in all {about} {in_words(took)}{made}, on {device}; results go to {where}")
 
 
 def _seconds(
@@ -86,7 +89,8 @@ def _demonstrations(
         echo(f"demonstrations: {len(demo_set)} of {chosen.path}, of {shown}")
         return demo_batch(demo_set), len(demo_set.classes)
     num, frames = chosen.num + chosen.num_validation, config.pretrain.num_frames
-    echo(f"demonstrations: {num} of the expert of {config.env.shown_name} would be made first")
+    expert = f"the expert of {config.env.shown_name}"
+    echo(f"demonstrations: {num} of {expert} would be made first, which is not timed")
     keys = jax.random.split(jax.random.key(0), num)
     seen = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     center, size = (jnp.repeat(x[:, None], frames, axis=1) for x in (seen.center, seen.size))
