@@ -44,6 +44,7 @@ lock:
 
 .venv/installed: requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 to 3.13 on the path: install one, or make PYTHON=..." >&2; exit 2; }
+	@echo "installing into .venv; this takes a minute or more"
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .

@@ -7,7 +7,6 @@ import re
 import shlex
 from pathlib import Path
 
-import jax.numpy as jnp
 import pytest
 from support import kitchen_films, saved_policies, saved_rewards
 from support.paths import REPOSITORY
@@ -53,7 +52,7 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatc
     )  # fmt: skip
     saved_policies.write("policy.npz")
     kitchen_films.write_films(tmp_path / "videos", 2, fps=10.0, width=64, height=48, tempo=2.0)
-    names = {"center": jnp.zeros((3, 2)), "size": jnp.ones((3, 2)), "observation": jnp.zeros(3)}
+    names: dict = {}
     for block in _blocks(path, "python"):
         exec(compile(block, _name(path), "exec"), names)
 

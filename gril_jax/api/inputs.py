@@ -44,7 +44,8 @@ def import_videos(
       demos = import_videos("videos", robot=["hand"])
     """
     with Progress(shown=progress) as shown:
-        options |= {"progress": shown.steps("reading videos", "steps"),
+        options |= {"progress": shown.steps("reading", "videos"),
+                    "writing": shown.steps("writing", "videos"),
                     "detecting": shown.steps("detecting", "frames")}  # fmt: skip
         return importing.import_videos(folder, out, **options)
 

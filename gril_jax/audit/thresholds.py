@@ -149,7 +149,7 @@ class Audited(NamedTuple):
         if self.kind == "videos":
             said.append("No state was searched, because videos do not define success.")
         said += [
-            f"No threshold is on {one.words}, {self.value(name):.0%}, because {one.why}."
+            f"{name} has no threshold, because {one.why}."
             for name, one in table.items()
             if not one.direction
         ]

@@ -11,6 +11,7 @@ T is frames, N objects. A folder appears whole or not at all, and is checked aga
 whenever it is loaded.
 """
 
+import itertools
 import math
 import os
 import pathlib
@@ -24,6 +25,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
+from gril_jax.runs.progress import Progress
 from gril_jax.threads import parallel_map
 from gril_jax.types import DemoBatch, VideoBatch
 
@@ -129,22 +131,28 @@ class DemoSet:
         train = len(good) - held
         return {"train": good[:train], "validation": good[train:], "failure": bad}
 
-    def save(self, folder: str | os.PathLike, **options: Any) -> None:
-        """Writes the set; see `save_demo_set`."""
-        save_demo_set(self, folder, **options)
+    def save(
+        self, folder: str | os.PathLike, *, progress: bool = True, preset: str | None = None
+    ) -> None:
+        """Writes the set, with a progress line on stderr; see `save_demo_set`."""
+        with Progress(shown=progress) as shown:
+            tell, done = shown.steps("writing", "videos"), itertools.count(1)
+            save_demo_set(
+                self, folder, preset=preset, progress=lambda total: tell(next(done), total)
+            )
 
 
 def save_demo_set(
     demo_set: DemoSet,
     folder: str | os.PathLike,
     *,
-    preset: str = "medium",
+    preset: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> None:
     """Writes a set to a new or empty folder, or in place of an older set once it is complete.
 
-    Few videos are in memory at once. `preset` is as in `write_video`; `progress` is called after
-    each video with the number of all. Errors are those of `write_demo_set`.
+    Few videos are in memory at once. `preset` and errors are those of `write_demo_set`; `progress`
+    is called after each video with the number of all.
     """
 
     def read() -> Iterator[Demo]:

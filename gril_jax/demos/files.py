@@ -51,20 +51,22 @@ def write_demo_set(
     demos: Iterable[Demo],
     *,
     notes: str = "",
-    preset: str = "medium",
+    preset: str | None = None,
     **about: Any,
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
     Demonstrations are consumed one at a time, so that a generator need hold only one video.
     `about` are the other fields of a `DemoSet`; robots, unit, noise and smoothing may be left out.
-    `preset` is as in `write_video`.
+    `preset` is as in `write_video`; None takes "veryfast" for imported videos, those with notes.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is
         malformed, there is none, or the disk is full.
     """
     folder, part = pathlib.Path(folder), None
+    # A camera's pictures take long to encode, and only people look at them.
+    preset = preset or ("veryfast" if notes else "medium")
     about = _USUAL | about
     if odd := {*about} - {*ABOUT}:
         raise TypeError(f"a demo set has no field {min(odd)!r}")

@@ -51,6 +51,7 @@ def import_videos(
     camera: str | None = None,
     source: str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    writing: Callable[[int, int], None] | None = None,
     detecting: Callable[[int, int], None] | None = None,
 ) -> DemoSet:
     """Demonstrations of a folder, sorted by name.
@@ -80,8 +81,8 @@ def import_videos(
       outcome: "success", "failure" or "unknown": of all the videos, or of each by its name.
       camera: of a LeRobot dataset that has several.
       source: where the videos came from, in words; None names the folder.
-      progress: called with the numbers of steps done and of all steps; each video is a step, and
-        one more where the set is written.
+      progress: called with the numbers of videos read and of all videos.
+      writing: the same, with the videos that are written to the set.
       detecting: called with the numbers of frames in which boxes were sought, and of all frames.
 
     Raises:
@@ -94,7 +95,7 @@ def import_videos(
     _require_one_source(boxes, detect, detect_model=detect_model, names=names,
                         detect_score=detect_score)  # fmt: skip
     folder, robot = pathlib.Path(folder), [robot] if isinstance(robot, str) else robot
-    steps = _Steps(progress, 1 if out is None else 2)
+    steps = _Counted(progress)
     options = {"half_extent": half_extent, "outcome": outcome, "source": source}
     given = (robot, classes, fps, jitter, smoothing, camera)
     wrong = [name for name, value in zip(_BOXED, given, strict=True) if value]
@@ -126,9 +127,7 @@ def import_videos(
         found = replace(found, notes=note + found.notes)
     if out is None:
         return found
-    # What a camera videos takes long to encode, and is looked at by people only.
-    preset = "medium" if found.notes == "" else "veryfast"
-    save_demo_set(found, out, preset=preset, progress=steps)
+    save_demo_set(found, out, progress=_Counted(writing))
     return replace(load_demo_set(out), notes=found.notes)
 
 
@@ -172,16 +171,16 @@ def _require_recorded(folder: pathlib.Path, fps: float | None, others: Sequence[
         )
 
 
-class _Steps:
-    """Counts steps for `progress`, of which there are `rounds` for each video."""
+class _Counted:
+    """Counts videos for a callback that is called with those done and all."""
 
-    def __init__(self, tell: Callable[[int, int], None] | None, rounds: int):
-        self.tell, self.rounds, self.done = tell, rounds, 0
+    def __init__(self, tell: Callable[[int, int], None] | None):
+        self.tell, self.done = tell, 0
 
     def __call__(self, videos: int) -> None:
         self.done += 1
         if self.tell is not None:
-            self.tell(self.done, self.rounds * videos)
+            self.tell(self.done, videos)
 
 
 def _films(

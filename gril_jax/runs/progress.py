@@ -33,7 +33,7 @@ class Progress:
     def __init__(self, *, stream: io.TextIOBase | None = None, shown: bool = True):
         self._stream = (sys.stderr if stream is None else stream) if shown else io.StringIO()
         self._phase: Phase | None = None
-        self._printed_s = _clock()
+        self._printed_s, self._printed = _clock(), ""
         self._live: Live | None = None
         # A notebook's stream may say that it is a terminal, for its colours, but redraws no line.
         if self._stream.isatty() and "ipykernel" not in sys.modules:
@@ -63,7 +63,7 @@ class Progress:
 
         With `at_most` it may end before its total."""
         self.end_phase()
-        self._phase = Phase(name, total, unit, self._report, at_most)
+        self._phase, self._printed = Phase(name, total, unit, self._report, at_most), ""
         if not compiles:
             self._phase.begin()
         self._print()
@@ -97,8 +97,10 @@ class Progress:
 
     def _print(self) -> None:
         if self._live is None and self._phase is not None:
-            self._printed_s = _clock()
-            print(self._phase.line(), file=self._stream, flush=True)
+            self._printed_s, line = _clock(), self._phase.line()
+            if line != self._printed:  # the last line of a phase may stand there already
+                print(line, file=self._stream, flush=True)
+            self._printed = line
 
     def _line(self) -> Text:
         line = "" if self._phase is None else self._phase.line()

@@ -273,8 +273,8 @@ def require_resumable(path: Path, experiment: str, *, demos: Path | None = None)
         raise RunError(f"{path} was made {made}, so gril {experiment} cannot go on with it")
     if (path / _RESULTS).exists():
         raise RunError(
-            f"the run in {path} has finished, so there is nothing left to go on with: gril report "
-            "draws its page again"
+            f"the run in {path} has finished, so there is nothing to resume: gril report makes its "
+            "page again"
         )
     for file in path.iterdir():
         if file.is_symlink():

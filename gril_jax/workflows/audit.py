@@ -33,6 +33,7 @@ from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import state_leaves
 from gril_jax.runs.json_lines import with_digest
+from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
 from gril_jax.workflows import export_reward, film_audit
 from gril_jax.workflows.build import setup
@@ -118,9 +119,12 @@ def _of_file(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
 
 
 def _searched(learned, chosen: EnvConfig, source, variant, starts, ascents, seed) -> Audited:
-    found = search(
-        learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
-    )
+    with Progress() as progress:
+        phase = progress.phase("auditing the reward", total=ascents, unit="searches")
+        found = search(
+            learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
+        )
+        phase.update(ascents)
     counted = found.audit.found.reward.size
     about = {"ascents": counted, "starts": starts, "variant": variant or _variant(chosen)}
     return learned, found, about

@@ -19,6 +19,7 @@ from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.envs import Env
 from gril_jax.pretraining import pretrain
 from gril_jax.report.headline import in_words
+from gril_jax.runs.progress import Phase, Progress
 from gril_jax.types import DemoBatch
 from gril_jax.workflows import audit, train
 from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
@@ -30,6 +31,11 @@ _CALLS = 5  # that are timed
 
 def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -> None:
     """Says it line by line. Errors are those of the run."""
+    with Progress() as progress:
+        _tell(config, verb, progress, echo)
+
+
+def _tell(config: RunConfig, verb: str, progress: Progress, echo: Callable[[str], None]) -> None:
     env = setup.task_of(config.env)
     demonstrations.require_usable(config, env)
     if config.run.audit and verb == "train" and env is not None:
@@ -37,23 +43,29 @@ def main(config: RunConfig, *, verb: str, echo: Callable[[str], None] = print) -
     demos, classes = _demonstrations(config, env, echo)
     took, steps = 0.0, f"reward: {config.pretrain.steps:,} gradient steps"
     if ENCODERS[config.encoder.kind].boxes:
+        phase = progress.phase("timing the reward", total=_CALLS, unit="updates")
         begun, one = time.monotonic(), config.encoder.ensemble_size
         static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
         step = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
         state = pretrain.init(jax.random.key(0), demos, static)
-        took = _seconds(begun, step, state, one * config.pretrain.steps / static.updates)
+        took = _seconds(begun, step, state, one * config.pretrain.steps / static.updates, phase)
         echo(f"{steps}, about {in_words(took)}")
     else:
         echo(f"{steps} on pictures, which are not timed")
     about = "about"
     if verb == "train":
-        seconds, early = _policy(config, echo)
+        seconds, early = _policy(config, progress, echo)
         took, about = took + seconds, "at most" if early else "about"
     where = config.run.out or "a new folder below runs/"
-    echo(f"in all {about} {in_words(took)} on {setup.device_in_words()}; results go to {where}")
+    made = " after the demonstrations are made" if config.demos.path is None else ""
+    device = setup.device_in_words()
+    progress.end_phase()  # or its last line would follow
+    echo(f"in all {about} {in_words(took)}{made}, on {device}; results go to {where}")
 
 
-def _seconds(begun: float, step: Callable[[Any], Any], state: Any, calls: float) -> float:
+def _seconds(
+    begun: float, step: Callable[[Any], Any], state: Any, calls: float, phase: Phase
+) -> float:
     """Seconds from `begun` until a function is compiled, and for so many calls of it."""
     state = jax.block_until_ready(step(state))
     took = time.monotonic() - begun
@@ -62,6 +74,7 @@ def _seconds(begun: float, step: Callable[[Any], Any], state: Any, calls: float)
         begun = time.monotonic()
         state = jax.block_until_ready(step(state))
         each.append(time.monotonic() - begun)
+        phase.update(len(each))
     return took + calls * statistics.median(each)
 
 
@@ -76,7 +89,8 @@ def _demonstrations(
         echo(f"demonstrations: {len(demo_set)} of {chosen.path}, of {shown}")
         return demo_batch(demo_set), len(demo_set.classes)
     num, frames = chosen.num + chosen.num_validation, config.pretrain.num_frames
-    echo(f"demonstrations: {num} of the expert of {config.env.shown_name} would be made first")
+    expert = f"the expert of {config.env.shown_name}"
+    echo(f"demonstrations: {num} of {expert} would be made first, which is not timed")
     keys = jax.random.split(jax.random.key(0), num)
     seen = jax.jit(jax.vmap(lambda key: env.reset(key).objects))(keys)
     center, size = (jnp.repeat(x[:, None], frames, axis=1) for x in (seen.center, seen.size))
@@ -85,9 +99,12 @@ def _demonstrations(
     return resting, len(env.classes)
 
 
-def _policy(config: RunConfig, echo: Callable[[str], None]) -> tuple[float, bool]:
+def _policy(
+    config: RunConfig, progress: Progress, echo: Callable[[str], None]
+) -> tuple[float, bool]:
     """Seconds that the policy's training would take, compiling included, and whether it may end
     before; told with its memory."""
+    phase = progress.phase("timing the policy", total=_CALLS, unit="updates")
     begun = time.monotonic()
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     params = policy_rewards.blank(config, algorithm.episodes.env)
@@ -101,10 +118,12 @@ def _policy(config: RunConfig, echo: Callable[[str], None]) -> tuple[float, bool
         return lambda state: run_chunk(state, *more)[0]
 
     state = init(program.keys, program.hyper)
-    seconds = _seconds(begun, advance(False), state, plan.updates)
+    seconds = _seconds(begun, advance(False), state, plan.updates, phase)
     if plan.evaluations:
+        phase = progress.phase("timing an evaluation", total=_CALLS, unit="updates")
         state, begun = init(program.keys, program.hyper), time.monotonic()
-        seconds += _seconds(begun, advance(True), state, min(plan.evaluations, plan.chunks))
+        count = min(plan.evaluations, plan.chunks)
+        seconds += _seconds(begun, advance(True), state, count, phase)
     available = memory.available_bytes(jax.devices()[0])
     room = "" if available is None else f" of {available / _UNIT:,.0f} MiB"
     most = plan.least is not None  # evaluations may end it

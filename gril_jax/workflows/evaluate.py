@@ -70,9 +70,12 @@ def main(
     env = setup.make_env(config.env, training=False, variant=variant)
     policy = policy_setup.restore_policy(folder, config, policy_setup.make_algorithm(config, env))
     reward_params = policy_setup.policy_reward(folder, config, env)
-    found, means = rates_of(
-        config, policy, reward_params, episodes=episodes, seed=seed, variant=variant
-    )
+    with Progress() as progress:
+        phase = progress.phase("evaluating", total=1, unit="policies")
+        found, means = rates_of(
+            config, policy, reward_params, episodes=episodes, seed=seed, variant=variant
+        )
+        phase.update(1)
     for line in rates.sentences(found):
         echo(line)
     about = {name: float(getattr(means, name)[:episodes].mean()) for name in ("score", "reward")}
@@ -82,7 +85,7 @@ def main(
         path = folder / "eval.mp4"
         with writing(folder):
             _film(env, means, reward_params, _shown(means, episodes), path)
-        echo(f"film: {path} (the worst, the median and the best episode by return)")
+        echo(f"video: {path} (the worst, the median and the best episode by return)")
     return found | about
 
 

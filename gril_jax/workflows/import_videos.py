@@ -49,6 +49,7 @@ def main(
     with Progress() as progress:
         options |= {"task": task, "robot": robot, "boxes": boxes}
         options |= {"progress": progress.steps("reading", "videos"),
+                    "writing": progress.steps("writing", "videos"),
                     "detecting": progress.steps("detecting", "frames")}  # fmt: skip
         try:
             made = import_videos(source, out, **options)

@@ -92,7 +92,7 @@ def main(
         writing.update(1)
     for line in (*rates.sentences(results), *([audit_sentence(results)] if needs.reward else [])):
         echo(line)
-    echo(f"given: {results['given']}")
+    echo(f"assistance: {results['given']}")
     tau = f"tau {results['tau']:.3f}, " if "tau" in results else ""
     took = in_words(time.monotonic() - begun)
     echo(f"{tau}{speed:,.0f} env steps/s, {took} in all\nreport: {page}")

@@ -85,7 +85,7 @@ def test_every_verb_works_on_a_task_of_ones_own(foreign, capsys, monkeypatch):
     moved = ["--task", "moved.py:make"]
     capsys.readouterr()
     assert main.main(["eval", "run", "--episodes", "2", "--film", *moved]) == 0
-    assert "film: run/eval.mp4 (the worst, the median and the best" in capsys.readouterr().out
+    assert "video: run/eval.mp4 (the worst, the median and the best" in capsys.readouterr().out
     assert read_video(folder / "run" / "eval.mp4").shape[2] == 3 * 384
     with open("moved.py", "a") as file:
         file.write("# more\n")

@@ -32,18 +32,19 @@ def test_videos_become_a_demo_set(tmp_path):
     (tmp_path / "in").mkdir()
     push_video(tmp_path / "in" / "one.mp4")
     push_video(tmp_path / "in" / "two.mp4", frames=9)
-    told = []
+    read, written = [], []
     made = import_videos(
         tmp_path / "in",
         tmp_path / "set",
         boxes="colour",
         half_extent=scenes.HALF_EXTENT,
         outcome="success",
-        progress=lambda *news: told.append(news),
+        progress=lambda *news: read.append(news),
+        writing=lambda *news: written.append(news),
     )
     loaded = load_demo_set(tmp_path / "set")
     assert [(d.name, len(d), d.trimmed) for d in made] == [("one", 12, 4), ("two", 9, 0)]
-    assert told == [(n, 4) for n in (1, 2, 3, 4)]
+    assert read == written == [(1, 2), (2, 2)]
     assert made == loaded
     assert all(demo.tracks.seen.all() for demo in made)
     assert loaded.classes == PALETTE_CLASSES

@@ -116,7 +116,7 @@ def test_each_line_says_what_is_asked_and_the_verdict_says_why():
     assert "(above 0; reward)" in lines[1]
     assert lines[1].endswith("FAILS")
     assert "-0.05, but above 0 is asked (reward)" in verdict
-    assert "No threshold is on all successes that are not above" in verdict
+    assert "misranked_share has no threshold" in verdict
     assert "because a task's success ends at an edge" in verdict
 
 

@@ -99,6 +99,14 @@ def test_the_last_line_of_a_phase_is_always_printed(stream, clock):
     ]
 
 
+def test_a_line_is_not_printed_twice(progress, stream, clock):
+    phase = progress.phase("training", total=3)
+    clock.now += 20
+    phase.update(3)
+    progress.end_phase()
+    assert [line.split()[1] for line in stream.getvalue().splitlines()] == ["compiling", "3/3"]
+
+
 def test_a_terminal_gets_each_phase_once_at_its_end(clock):
     terminal = Terminal()
     with Progress(stream=terminal) as progress:

@@ -2,10 +2,14 @@
 
 `story` plays one video out as true boxes, `painted` draws it (textured ground, changing light,
 camera noise), and `tracked` makes of the true boxes what a tracker would report.
+
+    python tests/support/kitchen_films.py videos     # twelve videos with boxes, in a new folder
 """
 
 import csv
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
@@ -171,3 +175,7 @@ def write_films(folder, count=12, *, tracker=Tracker(), seed=0, films=True, **lo
         write_csv(folder / f"{name}.csv", tracked(told, tracker, 1000 * seed + number))
         stories[name] = told
     return stories
+
+
+if __name__ == "__main__":
+    write_films(Path(sys.argv[1]))

@@ -56,6 +56,7 @@ def test_films_that_disagree_on_the_number_of_stages_cast_doubt():
         "doubtful: only 3 of 5 held-out demonstrations show 3 ends by themselves"
     )
     assert "and the others 2 to 4, so" in said
+    assert "show 1 end by themselves" in subtask_doubts.doubt(_alone(1, 2, 2), [True] * 3, 1)
     assert subtask_doubts.doubt(_alone(3, 3, 2, 3, 3), [True] * 5, 3) is None
 
 

@@ -35,7 +35,7 @@ def require_installed() -> None:
         if importlib.util.find_spec(package) is None:
             raise ConfigError(
                 f"detection by words needs {package}, which is not installed: "
-                "pip install gril-jax[detect]"
+                "pip install 'gril-jax[detect]'"
             )
 
 

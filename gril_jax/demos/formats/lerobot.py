@@ -294,5 +294,5 @@ def parquet() -> Any:
     except ImportError:
         raise ConfigError(
             "LeRobot datasets are in parquet files, but pyarrow is not installed: "
-            "pip install gril-jax[lerobot]"
+            "pip install 'gril-jax[lerobot]'"
         ) from None

@@ -78,4 +78,4 @@ def _acting(config: RunConfig) -> str:
 def of_all(configs: Iterable[RunConfig]) -> str:
     """The assistance of several learners in one sentence, without their rewards."""
     each = dict.fromkeys(given(config)._replace(reward="the row's") for config in configs)
-    return f"Given: {'; or: '.join(map(str, each))}." if each else ""
+    return f"Assistance: {'; or: '.join(map(str, each))}." if each else ""

@@ -106,11 +106,13 @@ def _save_videos(
             header["task"], env.half_extent, classes=env.classes, objects=shown.objects
         )
 
-        def tell(done: int, total: int) -> None:
-            phase.total = total
+        def tell(done: int, _: int) -> None:
             phase.update(done)
 
-        return import_videos(scratch, out, boxes=boxes, outcome=outcome, progress=tell, **header)
+        return import_videos(
+            scratch, out, boxes=boxes, outcome=outcome, progress=tell,
+            writing=progress.steps("writing", "videos"), **header,
+        )  # fmt: skip
 
 
 def _save_films(

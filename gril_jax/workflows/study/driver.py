@@ -59,6 +59,7 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
         said = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
         echo(f"writing to {run.path}: {said}")
         failed = _train(plan, rows, programs, run, progress, echo)
+        progress.end_phase()  # or its last line would follow the tables
         if not hosts.is_first():
             return 0
         return finish(run, failed, counts, echo)

@@ -45,8 +45,9 @@ def doubt(alone: Int[np.ndarray, "B M"], held_out: Sequence[bool], agreed: int) 
     shown = f"{least}" if least == most else f"{least} to {most}"
     return (
         f"doubtful: only {len(counts) - len(others)} of {len(counts)} held-out demonstrations show "
-        f"{agreed} ends by themselves and the others {shown}, so this reward may not be fit for "
-        "stages: learn it with displaced copies (--pretrain.num-perturbations 4)"
+        f"{agreed} end{'s' * (agreed != 1)} by themselves and the others {shown}, so this reward "
+        "may not be fit for stages: learn it with perturbed frames "
+        "(--pretrain.num-perturbations 4)"
     )
 
 

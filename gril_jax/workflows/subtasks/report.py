@@ -74,8 +74,10 @@ def main(
     dataset = None if options.lerobot is None else _dataset(Path(options.lerobot))
     with Progress() as progress:
         demos = _demos(config, folder, progress)
+        phase = progress.phase("finding stages", total=len(demos.demo_set), unit="videos")
         traces = traces_of(config, folder, demos)
         found, alone, rule = discover(traces, options)
+        phase.update(len(demos.demo_set))
         agreed = np.asarray(found.frames)[:, : int(np.sum(found.kept))]
         _require_stages(folder, rule, agreed.shape[1])
         tolerance = round(demos.demo_set.fps)  # one second, in frames

@@ -101,7 +101,7 @@ def test_the_table_has_a_section_for_whatever_was_measured(run):
         "one Demo start",
         "0 of 2 policies succeed",
         "1 of 1",
-        "Given: ",
+        "Assistance: ",
     ):
         assert words in text
     assert "rho" not in text
