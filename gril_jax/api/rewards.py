@@ -119,6 +119,9 @@ class Audit:
     """One line a figure, with its threshold."""
     kind: str
     """"task", or "videos" if no state was searched."""
+    misranked: Mapping[str, float]
+    """The share of clear successes that are not above the best state found, by its kind of
+    shortfall, the worst first; empty if no state was searched."""
 
     def __str__(self) -> str:
         return "\n".join([self.verdict, *self.lines])
@@ -163,7 +166,8 @@ def audit_reward(
             findings = audits.search(
                 reward, chosen, "the reward", ascents=ascents, starts=starts, seed=seed
             )
-            return _audit("task", findings.numbers())
+            misranked = {kind: share for kind, (share, _) in findings.shortfalls().items()}
+            return _audit("task", findings.numbers(), misranked)
         if demos is None:
             raise ConfigError(
                 f"the task {chosen.shown_name} has no `stages`, so its audit is that of the videos "
@@ -176,13 +180,13 @@ def audit_reward(
     config, shown = _of_demos(reward, demos, preset, task)
     trained = film_audit.training_of(reward)
     made = film_audit.measured(config, reward.params, shown, trained, scenes=ascents, seed=seed)
-    return _audit("videos", made.numbers)
+    return _audit("videos", made.numbers, {})
 
 
-def _audit(kind: str, numbers: Mapping[str, Any]) -> Audit:
+def _audit(kind: str, numbers: Mapping[str, Any], misranked: Mapping[str, float]) -> Audit:
     known = {name: float(value) for name, value in numbers.items() if value is not None}
-    found = Audited(kind, known)
-    return Audit(known, found.passes, found.sentence(), tuple(found.lines()), kind)
+    found = Audited(kind, known, next(iter(misranked), ""))
+    return Audit(known, found.passes, found.sentence(), tuple(found.lines()), kind, misranked)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -41,6 +41,8 @@ class StagedTask(Protocol):
     half_extent: float  # world units
     sizes: Callable[..., Any]
     possible: Callable[..., Any]  # the nearest centres that the scene's mechanics allow
+    done: Callable[..., Any]  # the stages that are
+    faulty: Callable[..., Any]  # the faults that there are
     progress: Callable[..., Any]  # from 0 to 1
     limit: Callable[..., Any]
     arrange: Callable[..., Any]
@@ -110,11 +112,11 @@ def alone(task: StagedTask, start: Scene, center: Float[Array, "N 2"], *, side: 
     return jax.vmap(over_plane, (0, None))(indices, grid(1.0, side))
 
 
-def pushed(task: StagedTask, start: Scene, *, side: int) -> tuple[Scene, Bool[Array, "G G"]]:
+def pushed(task: StagedTask, start: Scene, *, side: int) -> Scene:
     """Moves the objects of all stages to one place, side by side; those that stick out, further in.
 
     Returns:
-      States with leading axes (G, G), G = `side`, and where true progress is 0.
+      States with leading axes (G, G), G = `side`.
     """
     limit = task.limit(start.size)
     which = jnp.array(sorted({index for stage in task.stages for index in stage.moves}))
@@ -126,9 +128,7 @@ def pushed(task: StagedTask, start: Scene, *, side: int) -> tuple[Scene, Bool[Ar
         row = jnp.clip(row, -limit[which], limit[which])
         return _scene(task, start, start.center.at[which].set(row))
 
-    scenes = jax.vmap(jax.vmap(at))(grid(task.half_extent, side))
-    progress = jax.vmap(jax.vmap(task.progress))
-    return scenes, progress(scenes.center, scenes.size) <= 0
+    return jax.vmap(jax.vmap(at))(grid(task.half_extent, side))
 
 
 def _scene(task, start, center):

@@ -11,25 +11,23 @@ from typing import Any, NamedTuple
 class Threshold(NamedTuple):
     """The bound of one figure of an audit."""
 
-    direction: str  # "at least", "above" or "at most"; "" for a figure without a threshold
+    direction: str  # "at least", "above" or "at most"
     limit: float
     unit: str
     words: str  # what the figure is
     short: str
-    why: str = ""  # the reason for having no threshold
 
     @property
     def bound(self) -> str:
         """The threshold in words, such as "at most 0.05"."""
-        return f"{self.direction} {self.limit:g}" if self.direction else "no threshold"
+        return f"{self.direction} {self.limit:g}"
 
     def holds(self, value: float) -> bool:
-        """True if a value keeps the threshold; NaN never does, where there is one."""
+        """True if a value keeps the threshold; NaN never does."""
         return {
             "at least": value >= self.limit,
             "above": value > self.limit,
             "at most": value <= self.limit,
-            "": True,
         }[self.direction]
 
 
@@ -41,17 +39,19 @@ TASK: Table = {
         "at least", 0.97, "share of pairs", "pairs of states in their true order", "order"
     ),
     "hack_gap": Threshold(
-        "above", 0.0, "reward", "worst success less best state without progress", "hack gap"
+        "above", 0.0, "reward", "worst clear success less best state without progress", "hack gap"
     ),
     "touch_share": Threshold("at most", 0.05, _RANGE, "rise for touching everything", "touch"),
     "push_share": Threshold(
         "at most", 0.7, _RANGE, "rise for targets at a wrong place", "push"
     ),
     "misranked_share": Threshold(
-        "", 0.0, "share of successes",
-        "all successes that are not above the best state without progress", "misranked",
-        "a task's success ends at an edge, and no continuous reward tells the two sides of an edge "
-        "apart",
+        "at most", 0.05, "share of clear successes",
+        "successes that are not above the best state that falls short", "misranked",
+    ),
+    "success_kept": Threshold(
+        "at least", 0.98, "share of clear successes",
+        "successes from which the reward leads to a success", "success kept",
     ),
 }  # fmt: skip
 VIDEOS: Table = {
@@ -90,6 +90,7 @@ class Audited(NamedTuple):
 
     kind: str  # "task" or "videos"
     numbers: Mapping[str, float | None]
+    worst: str = ""  # kind of shortfall that misranks most, of `gril_jax.audit.shortfalls.KINDS`
 
     @property
     def table(self) -> Table:
@@ -116,10 +117,15 @@ class Audited(NamedTuple):
         value = self.numbers.get(name)
         return float("nan") if value is None else float(value)
 
+    def words(self, name: str) -> str:
+        """What a figure is; of misranked successes, also by which kind of shortfall."""
+        found = f", {self.worst}" if self.worst and name == "misranked_share" else ""
+        return self.table[name].words + found
+
     def lines(self) -> list[str]:
         """A line for each figure: its value, its threshold, its meaning, and whether it fails."""
         return [
-            f"{name:16} {self.value(name):7.3f}  ({one.bound}; {one.unit}) {one.words}"
+            f"{name:16} {self.value(name):7.3f}  ({one.bound}; {one.unit}) {self.words(name)}"
             f"{'   FAILS' if name in self.faults else ''}"
             for name, one in self.table.items()
         ]
@@ -133,10 +139,10 @@ class Audited(NamedTuple):
         )
 
     def sentence(self) -> str:
-        """The verdict, with the reasons if it is bad, and with what has no threshold."""
+        """The verdict, with the reasons if it is bad."""
         table, bad = self.table, self.faults
         reasons = "; ".join(
-            f"{table[name].words}: {self.value(name):.3g}, but {table[name].bound} is asked "
+            f"{self.words(name)}: {self.value(name):.3g}, but {table[name].bound} is asked "
             f"({table[name].unit})"
             for name in bad
         )
@@ -144,34 +150,26 @@ class Audited(NamedTuple):
         if bad:
             said = [f"Fails {audit}: {reasons}."]
         else:
-            asked = sum(bool(one.direction) for one in table.values())
-            said = [f"Passes {audit}: all {asked} figures keep their thresholds."]
+            said = [f"Passes {audit}: all {len(table)} figures keep their thresholds."]
         if self.kind == "videos":
             said.append("No state was searched, because videos do not define success.")
-        said += [
-            f"{name} has no threshold, because {one.why}."
-            for name, one in table.items()
-            if not one.direction
-        ]
         return " ".join(said)
 
     def as_json(self) -> dict[str, Any]:
         """The kind, the verdict, whether each figure passes, and the thresholds."""
-        asked = {name: one for name, one in self.table.items() if one.direction}
         return {
             "kind": self.kind,
             "audit": NAMES[self.kind],
             "passed": self.passes,
             "verdict": self.sentence(),
-            "passes": {name: name not in self.faults for name in asked},
+            "passes": {name: name not in self.faults for name in self.table},
             "thresholds": {
                 name: {
-                    "direction": one.direction or None,
-                    "limit": one.limit if one.direction else None,
+                    "direction": one.direction,
+                    "limit": one.limit,
                     "unit": one.unit,
                     "meaning": one.words,
                 }
-                | ({"why": one.why} if one.why else {})
                 for name, one in self.table.items()
             },
         }

@@ -1,22 +1,33 @@
-"""The page of an audit: its findings, as numbers in a JSON file, as words and as pictures."""
+"""The page of an audit in a task: its findings, as numbers in a JSON file, words and pictures."""
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gril_jax.audit.measures import Audit, States, clear_successes
+from gril_jax.audit.made import Judged, States
+from gril_jax.audit.measures import Audit
 from gril_jax.audit.scene_reward import Scene, StagedTask
+from gril_jax.audit.shortfalls import KINDS, UNCLEAR
 from gril_jax.audit.states import FACTORS
-from gril_jax.audit.thresholds import NAMES, Audited
+from gril_jax.audit.thresholds import Audited
 
 from .audit_maps import Situation, reward_maps, state_pictures
+from .film_audit_page import figure_table
 from .headline import audit_verdict
 from .html import Cell, Part, Section, Table, render, save
 from .style import png
+
+
+class State(NamedTuple):
+    """One state that an audit found."""
+
+    how: str  # it was found
+    scene: Scene
+    reward: float
 
 
 class Findings(NamedTuple):
@@ -37,19 +48,42 @@ class Findings(NamedTuple):
         found = self.audit.measures._asdict()
         return {k: float(v) for k, v in found.items() if v.ndim == 0 and k != "finite"}
 
-    def best_unearned(self) -> tuple[str, Scene, float]:
-        """The most overestimated state without progress: how it was found, itself, its reward."""
-        states, paid, found = self.states, self.audit.rewards, self.audit.found
-        kinds = {
-            "gradient search": (found.scene, found.reward),
-            "battery": (states.battery.scenes, _only(paid.battery, states.battery.score <= 0)),
-            "one object moved": (states.alone, _only(paid.alone, states.alone_free)),
-            "targets pushed": (states.pushed, _only(paid.pushed, states.pushed_free)),
+    def best_unearned(self) -> State:
+        """The most overestimated state without progress."""
+        return self._highest(lambda made: made.nothing)
+
+    def shortfalls(self) -> dict[str, tuple[float, State]]:
+        """By kind of shortfall: the share of successes that it misranks, and its best state; the
+        worst kind comes first, and one of which no state was found is left out."""
+        shares = self.audit.measures.misranked
+        found = {
+            kind: (float(shares[i]), self._highest(lambda made, i=i: made.kind == i))
+            for i, kind in enumerate(KINDS)
+            if not np.isnan(shares[i])
         }
-        how = max(kinds, key=lambda kind: kinds[kind][1].max())
-        scenes, reward = kinds[how]
-        at = tuple(int(i) for i in np.unravel_index(np.argmax(reward), reward.shape))
-        return how, _pick(scenes, at), float(reward[at])
+        worst_first = sorted(found.items(), key=lambda x: (-x[1][0], -x[1][1].reward))
+        return dict(worst_first)
+
+    def worst_success(self) -> tuple[Scene, float]:
+        """The sampled clear success of lowest reward, and its reward."""
+        paid = np.where(self.states.succeeds, self.audit.rewards.successes, np.inf)
+        at = _at(paid, np.argmin)
+        return _pick(self.states.successes, at), float(paid[at])
+
+    def _highest(self, chosen: Callable[[Judged], np.ndarray]) -> State:
+        found, paid = self.audit.found, self.audit.rewards
+        kinds = np.where(found.reward == -np.inf, UNCLEAR, np.arange(len(KINDS)))
+        battery, alone, pushed = self.states.judged()
+        of = {
+            "gradient search": (Judged(found.scene, found.score, kinds), found.reward),
+            "battery": (battery, paid.battery),
+            "one object moved": (alone, paid.alone),
+            "targets pushed": (pushed, paid.pushed),
+        }
+        only = {how: np.where(chosen(made), reward, -np.inf) for how, (made, reward) in of.items()}
+        how = max(only, key=lambda how: only[how].max())
+        at = _at(only[how], np.argmax)
+        return State(how, _pick(of[how][0].scene, at), float(only[how][at]))
 
     def worst_pair(self) -> tuple[str, list[tuple[Scene, float, float]]]:
         """The worst-ordered pair of states: its factor; then the lesser and the better state, each
@@ -64,7 +98,6 @@ class Findings(NamedTuple):
         """Everything as JSON; undefined values are null."""
         found = self.audit.measures
         numbers = self.numbers()
-        how, scene, reward = self.best_unearned()
         kind, sides = self.worst_pair()
         pair = [self._state(s) | {"progress": q, "reward": _plain(r)} for s, q, r in sides]
         moved = zip(self.swept, found.alone_share, strict=True)
@@ -77,22 +110,28 @@ class Findings(NamedTuple):
             },
             "alone_share": {self.names[i]: _plain(float(share)) for i, share in moved},
             **self.audited().as_json(),
-            "best_unearned_state": {"found_by": how, "reward": _plain(reward)} | self._state(scene),
+            "misranked": {k: _plain(share) for k, (share, _) in self.shortfalls().items()},
+            "worst_kind": self.audited().worst,
+            "worst_states": {k: self._found(state) for k, (_, state) in self.shortfalls().items()},
+            "best_unearned_state": self._found(self.best_unearned()),
             "worst_pair": {"factor": kind, "lesser": pair[0], "better": pair[1]},
         }
 
     def audited(self) -> Audited:
         """The figures beside their thresholds."""
-        return Audited("task", self.numbers())
+        return Audited("task", self.numbers(), next(iter(self.shortfalls()), ""))
 
     def in_words(self) -> list[str]:
-        """The verdict, and a line for each figure that has a threshold or tells why not."""
+        """The verdict, and a line for each figure."""
         found = self.audited()
         return [found.sentence(), *found.lines()]
 
     def write_report(self, folder: Path, results: Mapping[str, Any], *, title: str) -> Path:
         """Writes and returns the page of the audit, see `write_report`."""
         return write_report(folder, self, results, title=title)
+
+    def _found(self, state: State) -> dict[str, Any]:
+        return {"found_by": state.how, "reward": _plain(state.reward)} | self._state(state.scene)
 
     def _state(self, scene: Scene) -> dict[str, Any]:
         rows = zip(self.names, scene.center, scene.active, strict=True)
@@ -113,9 +152,12 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
         "overestimates. Its range is that from a reset to a success.",
         verdict=audit_verdict(found.audited()),
         tiles=[],
-        film=_unearned(folder, found),
+        film=_worst(folder, found),
         beside=[_pair(folder, found), _maps(folder, found)],
-        sections=[Section("Figures and thresholds", [figure_table(found.audited())])],
+        sections=[
+            Section("Figures and thresholds", [figure_table(found.audited())]),
+            Section("Kinds of shortfall", [_kinds(found)]),
+        ],
         facts={name: str(value) for name, value in results["settings"].items()},
         tables={
             "Pairs in order, by what was changed": _texts(results["factor_accuracy"]),
@@ -129,40 +171,35 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
     return folder / "report.html"
 
 
-def figure_table(found: Audited) -> Table:
-    """The figures of an audit with their thresholds."""
-    rows = {
-        name: [
-            Cell(f"{found.value(name):.3f}", one.unit),
-            Cell(one.bound),
-            Cell("FAILS" if name in found.faults else "passes" if one.direction else "-", one.why),
-            Cell(one.words),
-        ]
-        for name, one in found.table.items()
-    }
-    caption = f"The figures of the {NAMES[found.kind]}."
-    return Table(caption, ("value", "threshold", "result", "meaning"), rows)
-
-
-def _unearned(folder: Path, found: Findings) -> Part:
-    how, scene, reward = found.best_unearned()
-    numbers = found.numbers()
-    made = found.states.battery
-    start, done = (_first(found, kind) for kind in ("start", "success"))
+def _worst(folder: Path, found: Findings) -> Part:
+    numbers, (success, lowest) = found.numbers(), found.worst_success()
+    kind, (share, state) = next(iter(found.shortfalls().items()))
     states = [
-        (f"reset: {numbers['start_reward']:.3f}", start),
-        (f"no progress: {reward:.3f}", scene),
-        ("a success", done),
+        (f"reset: {numbers['start_reward']:.3f}", _first(found, "start")),
+        (f"{kind}: {state.reward:.3f}", state.scene),
+        (f"lowest success: {lowest:.3f}", success),
     ]
     pictures = state_pictures(states, found.names, half_extent=found.task.half_extent)
     return Part(
-        f"The most overestimated state without progress, found by {how}, gets {reward:.3f}: "
-        f"{numbers['hack_share']:.0%} of the range. The worst of "
-        f"{int(clear_successes(made).sum())} clear successes, other objects untouched, gets "
-        f"{numbers['worst_success']:.3f}. Thick boxes have their activity bit set.",
-        save(folder / "hack.png", png(pictures)),
-        "Three states as boxes: a reset, the most overestimated one without progress, a success",
+        f'The worst kind of shortfall is "{kind}". Its best state, found by {state.how}, gets '
+        f"{state.reward:.3f}; {share:.1%} of {int(found.states.succeeds.sum())} clear successes "
+        f"are not above it, and the lowest of them gets {lowest:.3f}. Thick boxes have their "
+        "activity bit set.",
+        save(folder / "worst.png", png(pictures)),
+        f"Three states as boxes: a reset, the most overestimated state ({kind}), a success",
     )
+
+
+def _kinds(found: Findings) -> Table:
+    """The kinds of shortfall, the worst first."""
+    rows = {
+        kind: [Cell(f"{share:.3f}"), Cell(f"{state.reward:.3f}"), Cell(state.how)]
+        for kind, (share, state) in found.shortfalls().items()
+    }
+    return Table(
+        "The best state of each kind that was found, by its reward.",
+        ("misranked successes", "highest reward", "found by"), rows,
+    )  # fmt: skip
 
 
 def _maps(folder: Path, found: Findings) -> Part:
@@ -205,8 +242,8 @@ def _texts(rows: Mapping[str, float | None]) -> dict[str, str]:
     return {name: "-" if value is None else f"{value:.4f}" for name, value in rows.items()}
 
 
-def _only(reward: np.ndarray, where: np.ndarray) -> np.ndarray:
-    return np.where(where, reward, -np.inf)
+def _at(values: np.ndarray, which: Callable[[np.ndarray], Any]) -> tuple[int, ...]:
+    return tuple(int(i) for i in np.unravel_index(which(values), values.shape))
 
 
 def _pick(scenes: Scene, at: tuple[int, ...]) -> Scene:
@@ -215,45 +252,3 @@ def _pick(scenes: Scene, at: tuple[int, ...]) -> Scene:
 
 def _plain(value: float) -> float | None:
     return round(value, 5) if math.isfinite(value) else None
-
-
-def write_videos_report(
-    folder: Path,
-    scenes: Sequence[tuple[str, Scene]],
-    names: Sequence[str],
-    results: Mapping[str, Any],
-    *,
-    half_extent: float,
-    title: str,
-) -> Path:
-    """Writes and returns `report.html` of an audit of videos alone, and its picture beside it.
-
-    Args:
-      scenes: titled states to show.
-      names: of their objects.
-      results: what `audit.json` holds.
-    """
-    found = Audited("videos", results)
-    picture = png(state_pictures(scenes, names, half_extent=half_extent))
-    page = render(
-        title=title,
-        summary=f"This is the {NAMES['videos']}. Its scenes are the first and last frames of "
-        "held-out videos, with activity bits set or objects displaced. Its range is that from "
-        "first to last frames.",
-        verdict=audit_verdict(found),
-        tiles=[],
-        film=Part(
-            "The scenes with the lowest and the highest reward that should be otherwise. Thick "
-            "boxes have their activity bit set.",
-            save(folder / "scenes.png", picture),
-            "A held-out end, and the scene with something out of place of the highest reward",
-        ),
-        sections=[Section("Figures and thresholds", [figure_table(found)])],
-        facts={name: str(value) for name, value in results["settings"].items()},
-        tables={"All numbers": {
-            name: f"{value:.4f}" for name, value in results.items() if type(value) in (int, float)
-        }},
-        listings={"audit.json": json.dumps(results, indent=2)},
-    )  # fmt: skip
-    save(folder / "report.html", page.encode("utf-8", "replace"))
-    return folder / "report.html"

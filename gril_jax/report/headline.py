@@ -143,7 +143,8 @@ def audit_kept(results: Mapping[str, Any]) -> dict[str, Any]:
     """The part of `audit.json` that a run keeps in its results."""
     kind = results.get("kind", "task")
     figures = {name: results.get(name) for name in TABLES[kind]}
-    return {"kind": kind} | figures | {"settings": results.get("settings")}
+    worst = {"worst_kind": results["worst_kind"]} if results.get("worst_kind") else {}
+    return {"kind": kind} | figures | worst | {"settings": results.get("settings")}
 
 
 def audit_of(results: Mapping[str, Any]) -> Audited | None:
@@ -155,7 +156,8 @@ def audit_of(results: Mapping[str, Any]) -> Audited | None:
     if kind not in TABLES:
         raise RunError(f"results.json, audit: kind must be {alternatives([*TABLES])}")
     where = "results.json, audit"
-    return Audited(kind, {name: number(found, name, where) for name in TABLES[kind]})
+    figures = {name: number(found, name, where) for name in TABLES[kind]}
+    return Audited(kind, figures, str(found.get("worst_kind", "")))
 
 
 def audit_sentence(results: Mapping[str, Any]) -> str:

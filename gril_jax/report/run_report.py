@@ -17,9 +17,9 @@ from gril_jax.errors import DemoError, RunError
 from gril_jax.runs.json_lines import CLOCKS
 from gril_jax.runs.reading import read_phases, require_single
 
-from .audit_page import figure_table
 from .curves import learning_curve, pretrain_curve, reward_profile
 from .data import Inputs, films_of, read_inputs, read_outcome, read_versions
+from .film_audit_page import figure_table
 from .filmstrip import Film, contact_sheet
 from .headline import audit_kept, audit_of, headline, verdict
 from .html import Part, Section, Step, render, save

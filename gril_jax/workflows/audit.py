@@ -9,6 +9,7 @@ task without stages does not say what progress is: its audit is that of the vide
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,10 @@ import numpy as np
 
 from gril_jax import envs
 from gril_jax.audit import measures
-from gril_jax.audit.measures import Audit, States, make_states
+from gril_jax.audit.made import States, make_states
+from gril_jax.audit.measures import Audit
 from gril_jax.audit.scene_reward import Scene, scene_reward
+from gril_jax.audit.states import SUCCESS
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.tables import ENCODERS
 from gril_jax.config.task import NO_TASK
@@ -125,7 +128,7 @@ def _searched(learned, chosen: EnvConfig, source, variant, starts, ascents, seed
             learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
         )
         phase.update(ascents)
-    counted = found.audit.found.reward.size
+    counted = math.prod(found.audit.found.reward.shape[:2])
     about = {"ascents": counted, "starts": starts, "variant": variant or _variant(chosen)}
     return learned, found, about
 
@@ -159,7 +162,7 @@ def search(
     score = np.asarray(states.battery.score)
     if (score[:, 0] > 0).any():
         raise ConfigError("the task's starts have made progress already, but must have made none")
-    if (score.max(axis=1) < measures.SUCCESS).any():
+    if (score.max(axis=1) < SUCCESS).any():
         done = ", ".join(stage.name for stage in stages.stages)
         raise ConfigError(f"no state was made with all of these stages done: {done}")
     run = functools.partial(measures.audit, reward, task=stages, states=states, ascents=ascents)
@@ -244,11 +247,10 @@ def _labels(learned: LearnedReward, classes, label: np.ndarray, source: str) -> 
 
 def _check_finite(states: States, found: Audit, names) -> None:
     """Raises RunError for the first state whose reward is not finite."""
-    made = (
-        states.battery.scenes, states.alone, states.pushed, states.successes, found.found.scene
-    )  # fmt: skip
+    made = (*(judged.scene for judged in states.judged()), states.successes, found.found.scene)
     for scenes, paid in zip(made, (*found.rewards, found.found.reward), strict=True):
-        bad = np.argwhere(~np.isfinite(paid))
+        unmet = scenes is found.found.scene  # a search that met no state of a kind has -inf there
+        bad = np.argwhere(~np.isfinite(paid) & ~(unmet & (paid == -np.inf)))
         if len(bad):
             at = tuple(bad[0])
             places = zip(names, scenes.center[at], scenes.active[at], strict=True)

@@ -28,7 +28,7 @@ from gril_jax.errors import DemoError
 from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.batch import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
-from gril_jax.report.audit_page import write_videos_report
+from gril_jax.report.film_audit_page import write_videos_report
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import places

@@ -50,10 +50,9 @@ def test_scores_are_the_tasks_and_what_moved_has_its_bit(shoe):
 
 def test_successes_are_anywhere_and_what_else_there_is_moves_or_rests():
     task = one_shoe()
-    made, succeeds = jax.jit(lambda key: successes(key, task, start()))(jax.random.key(3))
+    made = jax.jit(lambda key: successes(key, task, start()))(jax.random.key(3))
     progress = jax.vmap(lambda c: task.progress(c, SIZE))(made.center)
-    np.testing.assert_array_equal(succeeds, progress >= 0.999)
-    assert succeeds.mean() > 0.9  # but for a stone that was pushed into the box
+    assert (progress >= 0.999).mean() > 0.9  # but for a stone that was pushed into the box
     moved = np.asarray((made.center != START).any(axis=2))
     assert moved[:, 2].all()
     assert (np.abs(moved[:, [0, 1, 3, 4]].mean(axis=0) - 0.5) < 0.1).all()

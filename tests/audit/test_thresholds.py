@@ -21,6 +21,8 @@ GOOD = {
         (TASK, "hack_gap", 1e-6, 0.0),
         (TASK, "touch_share", 0.05, 0.051),
         (TASK, "push_share", -0.1, 0.71),
+        (TASK, "misranked_share", 0.05, 0.051),
+        (TASK, "success_kept", 0.98, 0.979),
         (VIDEOS, "best_amiss_share", 1.0, 1.001),
         (VIDEOS, "misranked_share", 0.02, 0.021),
     ],
@@ -43,6 +45,16 @@ def test_one_bad_figure_fails_the_audit_and_is_the_reason(name):
     (line,) = [line for line in found.lines() if line.endswith("FAILS")]
     assert line.startswith(name)
     assert found.as_json()["passes"] == {other: other != name for other in VIDEOS}
+
+
+def test_the_verdict_names_the_kind_that_misranks_most():
+    good = {name: one.limit + (one.direction == "above") for name, one in TASK.items()}
+    found = Audited("task", good, "just outside")
+    assert found.sentence() == "Passes its audit: all 6 figures keep their thresholds."
+    found = Audited("task", good | {"misranked_share": 0.4}, "just outside")
+    assert found.faults == ["misranked_share"]
+    assert "falls short, just outside: 0.4, but at most 0.05 is asked" in found.sentence()
+    assert "just outside   FAILS" in found.lines()[4]
 
 
 def test_figures_of_training_are_left_out_if_a_reward_does_not_tell_them():

@@ -139,10 +139,10 @@ def test_a_reward_file_is_audited_into_a_folder_beside_it(tmp_path, capsys, smal
     assert main.main(args) == 0
     out = capsys.readouterr().out
     assert "report: " in out
-    assert out.count("\n") == 7
+    assert out.count("\n") == 8
     assert out.startswith("Fails its audit: ")
     folder = tmp_path / "mine-audit"
-    assert {"audit.json", "report.html", "hack.png", "maps.png"} <= {
+    assert {"audit.json", "report.html", "worst.png", "maps.png"} <= {
         p.name for p in folder.iterdir()
     }
     results = json.loads((folder / "audit.json").read_text())
@@ -151,6 +151,8 @@ def test_a_reward_file_is_audited_into_a_folder_beside_it(tmp_path, capsys, smal
     best = {o["name"]: o["center"] for o in results["best_unearned_state"]["objects"]}
     offset = np.abs(np.array(best["green square"]) - best["goal"])
     assert (offset > [0.3, 0.35]).any()  # not in the region
+    assert results["misranked"].keys() == results["worst_states"].keys()
+    assert results["misranked_share"] == results["misranked"][results["worst_kind"]]
 
 
 @pytest.mark.slow

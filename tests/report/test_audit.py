@@ -17,7 +17,7 @@ from gril_jax.report.style import png
 
 SOUND = {
     "order_accuracy": 0.999, "hack_gap": 0.5, "touch_share": 0.01, "push_share": 0.47,
-    "misranked_share": 0.16,
+    "misranked_share": 0.02, "success_kept": 0.995,
 }  # fmt: skip
 WORKED = {"tau": 0.8, "success": 1.0, "starts": 256, "variant": "jitter", "eval_episodes": 256}
 
@@ -31,7 +31,7 @@ def test_a_sound_reward_is_called_so_with_its_numbers():
     assert tile.value == "passes"
     assert tile.note == (
         "order 0.999 (at least 0.97); hack gap 0.50 (above 0); touch 0.01 (at most 0.05); "
-        "push 0.47 (at most 0.7); misranked 0.16 (no threshold)"
+        "push 0.47 (at most 0.7); misranked 0.02 (at most 0.05); success kept 0.99 (at least 0.98)"
     )
     assert verdict(_results()).grade == "good"
     assert audit_sentence(_results()) == f"audit: passes ({tile.note})"
@@ -70,6 +70,17 @@ def test_the_best_state_without_progress_is_found_wherever_it_is(how):
     assert scene.center.shape == (2, 2)
 
 
+def test_a_kind_has_its_best_state_and_the_worst_kind_comes_first():
+    found = findings("targets pushed")
+    shortfalls = found.shortfalls()
+    assert [*shortfalls] == ["intruder inside", "nothing done"]
+    share, state = shortfalls["intruder inside"]
+    assert (share, state.how, state.reward) == (0.5, "gradient search", -0.02)
+    np.testing.assert_array_equal(state.scene.center, found.audit.found.scene.center[0, 1, 4])
+    assert shortfalls["nothing done"][1].how == "targets pushed"
+    assert found.worst_success()[1] == -0.25
+
+
 def test_a_success_is_not_without_progress():
     found = findings(None)
     rewards = found.audit.rewards._replace(alone=np.full((1, 2, 1, 2, 2), -0.7))
@@ -93,7 +104,11 @@ def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
     assert results["touch_share"] is None
     assert results["passes"] == {
         "order_accuracy": True, "hack_gap": False, "touch_share": False, "push_share": True,
+        "misranked_share": False, "success_kept": True,
     }  # fmt: skip
+    assert results["misranked"] == {"intruder inside": 0.5, "nothing done": 0.25}
+    assert results["worst_kind"] == "intruder inside"
+    assert results["worst_states"]["intruder inside"]["reward"] == -0.02
     assert results["factor_accuracy"].keys() == {
         "start", "success", "touched", "wrong place", "random"
     }  # fmt: skip
@@ -104,20 +119,19 @@ def test_json_says_what_is_sound_and_null_where_nothing_is_defined():
     assert results["kind"] == "task"
     assert results["passed"] is False
     assert results["thresholds"]["hack_gap"]["direction"] == "above"
-    assert results["thresholds"]["misranked_share"]["limit"] is None
+    assert results["thresholds"]["misranked_share"]["limit"] == 0.05
 
 
 def test_each_line_says_what_is_asked_and_the_verdict_says_why():
     verdict, *lines = findings().in_words()
     assert len(lines) == len(TASK)
-    assert lines[-1].split()[:4] == ["misranked_share", "0.010", "(no", "threshold;"]
+    assert lines[-1].split()[:5] == ["success_kept", "0.990", "(at", "least", "0.98;"]
     assert lines[0].split()[:2] == ["order_accuracy", "0.980"]
     assert "FAILS" not in lines[0]
     assert "(above 0; reward)" in lines[1]
     assert lines[1].endswith("FAILS")
     assert "-0.05, but above 0 is asked (reward)" in verdict
-    assert "misranked_share has no threshold" in verdict
-    assert "because a task's success ends at an edge" in verdict
+    assert "falls short, intruder inside: 0.5, but at most 0.05 is asked" in verdict
 
 
 # --- pictures
@@ -182,13 +196,14 @@ def test_it_is_one_file_with_numbers_pictures_and_states(tmp_path):
     page = _write(tmp_path, findings())
     text = page.read_text()
     assert {p.name for p in tmp_path.iterdir()} == {
-        "report.html", "hack.png", "maps.png", "worst_pair.png"
+        "report.html", "worst.png", "maps.png", "worst_pair.png"
     }  # fmt: skip
     assert text.count("data:image/png;base64,") == 3
     assert "-0.050" in text
     assert "FAILS" in text
     assert "at least 0.97" in text
-    assert "found by gradient search" in text
+    assert "The worst kind of shortfall is &quot;intruder inside&quot;" in text
+    assert "50.0% of 4 clear successes" in text
     assert "&lt;reward&gt;" in text
     assert "<reward>" not in text
 

@@ -53,14 +53,21 @@ def packing():
 
 def one_shoe():
     """Shoe A in, and not the stone: one stage and one fault."""
+    return _without_stone(Stage("shoe A in", (2,), _in_box(2), _into_box(2)))
 
+
+def shoes(*indices):
+    """These shoes in, in any order, and not the stone."""
+    return _without_stone(*(Stage(NAMES[i], (i,), _in_box(i), _into_box(i)) for i in indices))
+
+
+def _without_stone(*stages):
     def score(task, center, size):
         fault = task.faulty(center, size).any()
         return jnp.where(fault, 0.5, 1.0) * _share_done(task, center, size)
 
-    stage = Stage("shoe A in", (2,), _in_box(2), _into_box(2))
     fault = Stage("stone in", (4,), _in_box(4), _into_box(4))
-    return Stages((stage,), (1, 2, 3, 4), 1.0, score, (fault,), (0,))
+    return Stages(stages, (1, 2, 3, 4), 1.0, score, (fault,), (0,))
 
 
 def sound(task):

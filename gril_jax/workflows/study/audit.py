@@ -14,8 +14,9 @@ from jaxtyping import Float
 
 from gril_jax import envs
 from gril_jax.audit import measures as audit_measures
-from gril_jax.audit.measures import States, make_states
+from gril_jax.audit.made import States, make_states
 from gril_jax.audit.scene_reward import Scene, StagedTask, scene_reward
+from gril_jax.audit.shortfalls import KINDS
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoders.encoder import GraphConfig
 from gril_jax.errors import ConfigError
@@ -35,8 +36,8 @@ FIGURES = {
     "push": "push_share",
     "hack_gap": "hack_gap",
     "hack_share": "hack_share",
-    "hack_gap_anywhere": "hack_gap_anywhere",
     "misranked": "misranked_share",
+    "kept": "success_kept",
 }
 
 
@@ -137,9 +138,16 @@ def audit_program(encoder: GraphConfig, task: StagedTask, *, ascents: int):
 
 
 def audit_figures(run: Any, params: RewardParams, on: Ground) -> dict[str, Float[np.ndarray, "S"]]:
-    """The figures of S rewards, such as `hack_share_layout`."""
-    return {
-        f"{name}_{variant}": np.asarray(getattr(found, field))
-        for variant, found in ((v, run(params, states)) for v, states in on.states.items())
+    """The figures of S rewards, such as `hack_share_layout`, and the misranked successes of each
+    kind of shortfall, such as `misranked_just_outside_layout`."""
+    found = {variant: run(params, states) for variant, states in on.states.items()}
+    figures = {
+        f"{name}_{variant}": np.asarray(getattr(measures, field))
+        for variant, measures in found.items()
         for name, field in FIGURES.items()
+    }
+    return figures | {
+        f"misranked_{kind.replace(' ', '_')}_{variant}": np.asarray(measures.misranked[:, i])
+        for variant, measures in found.items()
+        for i, kind in enumerate(KINDS)
     }

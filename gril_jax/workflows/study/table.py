@@ -195,14 +195,15 @@ def _of_rewards(names: Sequence[str]) -> list[Section]:
 
 
 def _of_audit(variant: str) -> Section:
-    names = ("order", "hack_gap", "touch", "push", "misranked")
+    names = ("order", "hack_gap", "touch", "push", "misranked", "kept")
     starts = "the task's own" if variant == "own" else variant.capitalize()
     return Section(
         f"The audit from {starts} starts. Order: share of pairs of synthetic "
         "states that the reward ranks as their true progress does. Hack gap: the lowest reward of "
         "a clear success less the highest reward without progress. Touch, push: largest rise of "
         "the reward by a touch or a wrong push, as a share of its rise by success. Misranked: "
-        "share of all successes whose reward is not above the highest without progress.",
+        "share of clear successes whose reward is not above the best state that falls short. Kept: "
+        "share of them from which the reward leads uphill to a success.",
         [Column(f"{name}_{variant}", name.replace("_", " ")) for name in names],
     )
 

@@ -7,6 +7,7 @@ import pytest
 
 from gril_jax.audit import measures
 from gril_jax.audit.scene_reward import scene_reward
+from gril_jax.audit.shortfalls import KINDS
 from gril_jax.config import EnvConfig
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError
@@ -45,3 +46,5 @@ def test_each_reward_has_the_figures_of_its_own_audit():
         for name, field in audit.FIGURES.items():
             mine = found[f"{name}_{variant}"][1]
             np.testing.assert_allclose(mine, getattr(alone, field), rtol=1e-3, atol=1e-4)
+        mine = found[f"misranked_just_outside_{variant}"][1]
+        np.testing.assert_allclose(mine, alone.misranked[KINDS.index("just outside")], atol=1e-4)
