@@ -55,12 +55,12 @@ class Findings(NamedTuple):
     def shortfalls(self) -> dict[str, tuple[float, State]]:
         """By kind of shortfall: the share of successes that it misranks, and its best state; the
         worst kind comes first, and one of which no state was found is left out."""
-        shares = self.audit.measures.misranked
+        shares = zip(KINDS, self.audit.measures.misranked, strict=True)
         found = {
-            kind: (float(shares[i]), self._highest(lambda made, i=i: made.kind == i))
-            for i, kind in enumerate(KINDS)
-            if not np.isnan(shares[i])
+            kind: (float(share), self._highest(lambda made, i=i: made.kind == i))
+            for i, (kind, share) in enumerate(shares)
         }
+        found = {kind: one for kind, one in found.items() if one[1].reward > -np.inf}
         worst_first = sorted(found.items(), key=lambda x: (-x[1][0], -x[1][1].reward))
         return dict(worst_first)
 

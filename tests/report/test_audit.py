@@ -217,6 +217,19 @@ def test_without_a_violation_no_pair_is_shown(tmp_path):
     assert not (tmp_path / "worst_pair.png").exists()
 
 
+def test_without_a_clear_success_the_share_is_not_known_and_fails(tmp_path):
+    found = findings()
+    measures = found.audit.measures
+    unknown = measures._replace(
+        misranked=measures.misranked * np.nan, misranked_share=np.float32(np.nan)
+    )
+    states = found.states._replace(succeeds=np.zeros((1, 4), bool))
+    found = found._replace(states=states, audit=found.audit._replace(measures=unknown))
+    assert "misranked_share" in found.audited().faults
+    assert found.as_json()["misranked"] == {"nothing done": None, "intruder inside": None}
+    assert "0 clear successes" in _write(tmp_path, found).read_text()
+
+
 def test_a_folder_that_is_gone_is_one_sentence(tmp_path):
     with pytest.raises(RunError, match="cannot be written to"):
         _write(tmp_path / "gone", findings())
