@@ -41,7 +41,6 @@ _MOVED = 1 / 3  # share of the demonstrations that must move a class
 _TIGHT = 0.25  # spread of the ends over the journey, at most, of a place that counts
 _STIRRED, _AT_MOST = 0.1, 2  # cost of a thing that no demonstration moves, and how many count
 _REACH = 0.5  # arena units over which the rest of the cost grows, at least
-_EXCHANGES = 64  # of things, in each end
 
 
 class Arrangement(NamedTuple):
@@ -169,21 +168,7 @@ def _distances(goal: Arrangement, demos, last, counted) -> pair_distances.Ranges
     frames = jax.lax.map(of_film, (demos.center, demos.label, counted))
     real = jnp.arange(demos.center.shape[1]) < demos.length[:, None]
     share = real / demos.length[:, None] / len(demos.length)
-    keys = jax.random.split(jax.random.key(0), (len(last), _EXCHANGES))
-    of_last = jax.vmap(
-        lambda key, *end: of_one(*_exchanged(goal, key, *end))[0], (0, None, None, None)
-    )
-    exchanged = jax.vmap(of_last)(keys, last, demos.label, counted)
-    return pair_distances.learned(ends, frames, share, exchanged, count.min(axis=0) > 0)
-
-
-def _exchanged(goal: Arrangement, key, center, label, counted):
-    """A scene in which the things that move have changed places at random."""
-    free = counted & goal.moves[label]
-    order = jnp.where(free, jax.random.uniform(key, label.shape), 2.0)
-    # The k-th free place gets the k-th thing of a random order.
-    places = jnp.argsort(~free, stable=True)
-    return center.at[places].set(center[jnp.argsort(order, stable=True)]), label, counted
+    return pair_distances.learned(ends, frames, share, count.min(axis=0) > 0)
 
 
 def _pairs(goal: Arrangement, center, label, counted):

@@ -111,6 +111,9 @@ def displaced(
     aside = jax.random.uniform(keys[5], (num, 2), minval=-_AROUND, maxval=_AROUND)
     around = center[at] + size[at] * aside
     edge = _at_edge(jax.random.fold_in(key, 9), center[at], size[at], size)
+    if isinstance(places, Arrangement):  # the edges of what moves are none of a place
+        holds = places.bonds.container[places.reference][demo.label]
+        edge = jnp.where(holds[:, None], edge, anywhere)
     which = jax.random.choice(keys[6], len(_PLACES), (num, 1), p=jnp.array(_PLACES))
     options = [anywhere, first, swapped, nearby, around, edge]
     place = jnp.select([which == i for i in range(len(options))], options)

@@ -13,10 +13,8 @@ or not, or their last one (a shape), or not. The statistics of each kind, in wor
   thing to its partners by way of others of the kind.
 
 Their weights are learned. A statistic's weight is the logarithm of how much rarer frames are in its
-range than ends are, or ends in which things have changed places: a condition that all frames meet
-matters, too, if exchanged things would break it. The statistic that is worst out of its range
-counts, since an arrangement lacks something if one of its conditions fails. Shapes use N for
-objects, P for pairs, K = 5 for kinds and Q = 8 for statistics.
+range than ends are. Shapes use N for objects, P for pairs, K = 5 for kinds
+and Q = 8 for statistics.
 """
 
 from typing import NamedTuple
@@ -42,7 +40,7 @@ class Ranges(NamedTuple):
 
     nearest: Float[Array, "K Q"]
     furthest: Float[Array, "K Q"]
-    weight: Float[Array, "K Q"]  # the largest is 1, or all are 0
+    weight: Float[Array, "K Q"]  # they sum to 1, or all are 0
 
 
 def statistics(
@@ -71,7 +69,6 @@ def learned(
     ends: Float[Array, "B K Q"],
     frames: Float[Array, "B T K Q"],
     share: Float[Array, "B T"],
-    exchanged: Float[Array, "B J K Q"],
     some: Bool[Array, "K"],
 ) -> Ranges:
     """Ranges of the ends of B videos, and their weights.
@@ -79,19 +76,15 @@ def learned(
     Args:
       ends, frames: statistics of last frames and of all frames.
       share: what each frame counts; they sum to 1.
-      exchanged: statistics of last frames whose things have changed places, J for each.
       some: kinds of which all videos have pairs.
     """
     low, high = jnp.quantile(ends, jnp.array([_TAIL, 1.0 - _TAIL]), axis=0)
     within = lambda x: ((low <= x) & (x <= high)).astype(x.dtype)  # noqa: E731
     often = jnp.einsum("bt,btkq->kq", share, within(frames))
-    own = within(ends).mean(axis=0) + 1e-3
-    over_frames = own / (often + 1e-3)
-    over_exchanged = own / (within(exchanged).mean(axis=(0, 1)) + 1e-2)
-    tells = jnp.log(jnp.maximum(over_frames, over_exchanged))
+    tells = jnp.log((within(ends).mean(axis=0) + 1e-3) / (often + 1e-3))
     tells = jnp.where(some[:, None] & (tells > _TELLS * tells.max()), jnp.maximum(tells, 0.0), 0.0)
     wider = _WIDER * (high - low)
-    return Ranges(low - wider, high + wider, tells / jnp.maximum(tells.max(), 1e-6))
+    return Ranges(low - wider, high + wider, tells / jnp.maximum(tells.sum(), 1e-6))
 
 
 def beyond(
@@ -100,7 +93,7 @@ def beyond(
     half_box: Float[Array, ""],
     near_cost_fraction: Float[Array, ""] | float,
 ) -> Float[Array, ""]:
-    """Cost of the statistic that is worst out of its range; 0 where none is.
+    """Cost of statistics that are out of their ranges; 0 where none is.
 
     The fraction `near_cost_fraction` applies at once where a value is out by about its range's
     width, clipped to between a quarter of `half_box` and all of it. The rest grows in proportion.
@@ -112,7 +105,7 @@ def beyond(
         near_cost_fraction * jnp.minimum(out / scale, 1.0)
         + (1.0 - near_cost_fraction) * out / _REACH
     )
-    return jnp.max(ranges.weight * cost)
+    return jnp.sum(ranges.weight * cost)
 
 
 def nothing() -> Ranges:

@@ -71,18 +71,12 @@ def ranges():
     frames[..., 0, 0] = drawn.uniform(0, 4, (400, 20))
     some = jnp.arange(pair_distances.KINDS) < 4
     share = jnp.full((400, 20), 1 / 8000)
-    exchanged = drawn.uniform(0, 1, (400, 3, *shape))
-    exchanged[..., 0, 0], exchanged[..., 1, 0] = 1.0, drawn.uniform(2, 4, (400, 3))
-    return pair_distances.learned(*map(jnp.asarray, (ends, frames, share, exchanged, some)))
+    return pair_distances.learned(jnp.asarray(ends), jnp.asarray(frames), share, some)
 
 
 def test_a_statistic_counts_for_what_it_tells(ranges):
-    assert float(ranges.weight.max()) == 1.0
-    over_frames, over_exchanged = float(ranges.weight[0, 0]), float(ranges.weight[1, 0])
-    within = 0.8 + 1e-3  # of the ends; of frames 0.16 of 4 are, and of exchanged ones none
-    assert over_frames == pytest.approx(np.log(within / 0.041) / np.log(within / 1e-2), rel=0.05)
-    assert over_exchanged == 1.0
-    assert not ranges.weight.at[:2, 0].set(0).any()
+    assert float(ranges.weight.sum()) == pytest.approx(1.0)
+    assert float(ranges.weight[0, 0]) > 0.9
     assert not ranges.weight[4].any()  # a kind without pairs
     assert 0.85 < ranges.nearest[0, 0] < 0.92 < 1.08 < ranges.furthest[0, 0] < 1.15
 
@@ -96,10 +90,6 @@ def test_what_is_out_of_its_range_costs(ranges):
     weight = float(ranges.weight[0, 0])
     far = float(ranges.furthest[0, 0])
     assert cost(far + 0.5) == pytest.approx(weight * (0.7 + 0.3 * 0.5 / 0.5), rel=1e-3)
-    both = jnp.full_like(ranges.weight, 0.5).at[0, 0].set(far + 0.5).at[1, 0].set(9.0)
-    worst = float(ranges.weight[1, 0]) * (0.7 + 0.3 * (9.0 - float(ranges.furthest[1, 0])) / 0.5)
-    found = float(pair_distances.beyond(ranges, both, half, 0.7))
-    assert found == pytest.approx(worst, rel=1e-3)  # the worst alone
     assert 0.0 < cost(far + 0.02) < cost(far + 0.05) < cost(far + 0.5)
 
 
