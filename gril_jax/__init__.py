@@ -5,7 +5,7 @@ The names in `__all__` are loaded when they are first used: importing the packag
 
 from .lazy import offer
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _ROOMS = (
     "audit", "config", "demos", "encoders", "graphs", "export", "losses", "metrics",

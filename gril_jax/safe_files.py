@@ -31,6 +31,12 @@ def writing(folder: Path) -> Iterator[None]:
         raise RunError(f"{folder} cannot be written to ({error.strerror or error})") from None
 
 
+def cause(error: OSError) -> str:
+    """Why a file could not be written, as the end of a sentence."""
+    said = error.strerror or str(error)
+    return f"there is no space left ({said})" if error.errno in _FULL else said
+
+
 def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> None:
     """The file appears complete or not at all, and on return, if durable, is on the disk."""
     part = file.with_name(f".{file.name}.part")

@@ -88,7 +88,7 @@ def test_it_says_how_many_starts_each_success_rate_counts(run):
         assert re.search(r"% of 4 Layout starts \(95% interval", line)
     assert re.match(r"audit: (passes|fails) \(order 0\.\d+", lines[first + 4])
     assert lines[first + 5].startswith(
-        "given: task starts only: training episodes begin at the task's Lay"
+        "assistance: task starts only: training episodes begin at the task's Lay"
     )
 
 

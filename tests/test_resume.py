@@ -109,7 +109,7 @@ def test_a_configuration_that_was_edited_is_refused_by_its_fields(run, capsys):
 def test_a_run_that_has_finished_is_refused(run, capsys):
     with run_dir.resume(run) as opened:
         opened.finish({"success": 1.0})
-    assert "has finished, so there is nothing left" in _fault(capsys, "train", "--resume", run)
+    assert "has finished, so there is nothing to resume" in _fault(capsys, "train", "--resume", run)
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):

@@ -35,7 +35,8 @@ class LossConfig:
     """Goals of the reward: 1 is the mean latent of the last frames; more are the latents of as many
     last frames, of which the nearest counts."""
     near_cost_fraction: float = field(default=0.5, metadata=between(0, 1))
-    """Fraction of an object's cost that applies once half of its box is out of place."""
+    """Fraction of an object's cost that applies once half of its box is out of place, or once its
+    centre is out of the box that it belongs in (inside, arrangement)."""
     intrusion_weight: float = field(default=0.5, metadata=at_least(0))
     """Cost of an intruding object beside that of an object out of place."""
     clearance_radius: float = field(default=0.0, metadata=at_least(0))

@@ -3,7 +3,6 @@
 Npz files are read with care, since they may be malicious.
 """
 
-import errno
 import functools
 import json
 import os
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from gril_jax.errors import DemoError
+from gril_jax.safe_files import cause
 
 from .demo import Demo, Frames, Source, Tracks
 from .folders import left_by_system
@@ -104,8 +104,9 @@ def write_demo_set(
         check_header(header, folder)
         _move_into_place(part, folder)
     except OSError as error:
-        reason = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
-        raise DemoError(f"{folder}: the demo set could not be written because {reason}.") from error
+        raise DemoError(
+            f"{folder}: the demo set could not be written because {cause(error)}."
+        ) from error
     finally:
         if part is not None:
             shutil.rmtree(part, ignore_errors=True)

@@ -22,6 +22,8 @@ from .dense_messages import square_edges, sum_messages, thin_product
 
 Params = PyTree[Float[Array, "..."]]
 
+_EDGE = 0.3  # halves of a box; `gril_jax.pretraining.edges.WIDTH`, which this cannot import
+
 # How messages are summed; the numbers are the same. "dense" takes one sender at a time if there are
 # few; "square" takes all senders at once.
 Form = Literal["dense", "square"]
@@ -46,7 +48,8 @@ class EncoderConfig:
     latent: int = EncoderOptions.latent
     """Size of the latent, of each member."""
     relations: bool = EncoderOptions.relations
-    """True if edges also hold how far the receiver's box sticks out of the sender's or is apart."""
+    """True if edges also hold how far the receiver's box sticks out of the sender's or is apart,
+    and on which side of the sender's edge its centre is."""
     words: tuple[int, ...] = ()
     """First and last word of each class's name, as indices, class by class: nodes then do not know
     their class, and edges know which of the two words sender and receiver share. Empty: nodes know
@@ -178,6 +181,8 @@ class _Messages(nn.Module):
         if config.relations:
             edges = jnp.concatenate([edges, _relations(graph)], axis=-1)
         edges = edges / config.length_unit
+        if config.relations:
+            edges = jnp.concatenate([edges, _side_of_edge(graph)], axis=-1)
         if config.words:
             edges = jnp.concatenate([edges, _alike(graph, config)], axis=-1)
         edges = square_edges(edges, nodes.label.shape[0])
@@ -218,6 +223,19 @@ def _relations(graph) -> Float[Array, "E 4"]:
     sender, receiver = half[graph.senders], half[graph.receivers]
     away = jnp.abs(graph.edges[:, :2])
     return jax.nn.relu(jnp.concatenate([away + receiver - sender, away - receiver - sender], -1))
+
+
+def _side_of_edge(graph) -> Float[Array, "E 1"]:
+    """For each edge, from -1 where the receiver's centre is well inside the sender's box to 1 where
+    it is well outside.
+
+    It changes within half the receiver's box. A reward that falls at an edge needs such a step,
+    which a network makes of lengths only with large weights.
+    """
+    size = graph.nodes.size
+    beyond = (jnp.abs(graph.edges[:, :2]) - size[graph.senders] / 2).max(axis=-1, keepdims=True)
+    half = size[graph.receivers].min(axis=-1, keepdims=True) / 2
+    return jnp.tanh(beyond / jnp.maximum(2 * _EDGE * half, 1e-3))
 
 
 def _alike(graph, config) -> Float[Array, "E 2"]:

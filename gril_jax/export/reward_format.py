@@ -28,7 +28,7 @@ from gril_jax.graphs import activity_rule
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 
-FORMAT, VERSION = "gril-jax reward", 2
+FORMAT, VERSION = "gril-jax reward", 3
 _DIGITS = 64  # of the SHA-256
 
 

@@ -55,7 +55,8 @@ def scene_graph(
       label, is_robot: index of each object's class; nodes that belong to the robot.
       active: nodes that have moved since the episode began (`gril_jax.graphs.activity`).
       present: False for padding; left out, whatever has a box of some size is present. Padding
-        keeps its node and edges, so that shapes are static, and is masked where it would count.
+        keeps its node and edges, so that shapes are static, and is masked where it would count. Its
+        box becomes 0, whatever it holds.
 
     Returns:
       A `jraph.GraphsTuple` with `Nodes` as nodes and (E, 3) edges: the offset from the receiver
@@ -63,9 +64,11 @@ def scene_graph(
     """
     num_nodes = center.shape[0]
     senders, receivers = edge_indices(num_nodes)
-    offset = center[senders] - center[receivers]
     if present is None:
         present = jnp.any(size > 0, axis=-1)
+    # A mask multiplies by 0 later, and 0 times NaN is NaN.
+    center, size = (jnp.where(present[:, None], x, 0.0) for x in (center, size))
+    offset = center[senders] - center[receivers]
     return SceneGraph(
         nodes=Nodes(center, size, label, active, is_robot, present),
         edges=jnp.concatenate([offset, safe_norm(offset)[:, None]], axis=-1),

@@ -18,8 +18,10 @@ from .final_places import FinalPlaces
 from .options import PixelStatic
 
 # How likely a displaced object goes where: anywhere, back to its start, to the last place of
-# another object, a little way off, around the object that its class refers to.
-_PLACES = (0.3, 0.1, 0.15, 0.15, 0.3)
+# another object, a little way off, around the object that its class refers to, to an edge of it.
+_PLACES = (0.2, 0.06, 0.1, 0.1, 0.19, 0.35)
+_ACROSS = 0.9  # halves of a box, standard deviation of its distance from that edge
+_ALONG = 1.1  # halves of the reference's box, from the edge's middle each way
 _NEARBY = 0.4  # of the encoder's length units, standard deviation
 _AROUND = 0.8  # in sizes of the reference's box, each way
 _TOUCHED = 0.2  # probability that a bit is set of an object that has not been displaced
@@ -108,9 +110,14 @@ def displaced(
     at = jnp.argmax(is_reference, axis=1)
     aside = jax.random.uniform(keys[5], (num, 2), minval=-_AROUND, maxval=_AROUND)
     around = center[at] + size[at] * aside
+    edge = _at_edge(jax.random.fold_in(key, 9), center[at], size[at], size)
+    if isinstance(places, Arrangement):  # the edges of what moves are none of a place
+        holds = places.bonds.container[places.reference][demo.label]
+        edge = jnp.where(holds[:, None], edge, anywhere)
     which = jax.random.choice(keys[6], len(_PLACES), (num, 1), p=jnp.array(_PLACES))
-    options = [anywhere, first, swapped, nearby, around]
-    place = jnp.clip(jnp.select([which == i for i in range(5)], options), -extent, extent)
+    options = [anywhere, first, swapped, nearby, around, edge]
+    place = jnp.select([which == i for i in range(len(options))], options)
+    place = jnp.clip(place, -extent, extent)
     touched = movable & jax.random.bernoulli(keys[7], _TOUCHED, (num,))
     if not isinstance(places, Arrangement):
         place = jnp.where(chosen[:, None], place, center)
@@ -123,6 +130,18 @@ def displaced(
     before = Copy(center, size, active | touched, chosen)
     place = jnp.where(chosen[:, None], place, center)
     return _in_other_layouts(key_layout, before, place, movable, holds, extent)
+
+
+def _at_edge(key: PRNGKeyArray, center, sides, size) -> Float[Array, "N 2"]:
+    """Places near an edge of boxes with these centres and sides, for boxes of a size."""
+    keys = jax.random.split(key, 4)
+    num = len(center)
+    along = center + _ALONG * sides / 2 * jax.random.uniform(keys[0], (num, 2), minval=-1.0)
+    side = jax.random.rademacher(keys[1], (num, 1), dtype=center.dtype)
+    off = _ACROSS * size / 2 * jax.random.normal(keys[2], (num, 1))
+    across = center + side * (sides / 2 + off)
+    upright = jax.random.bernoulli(keys[3], 0.5, (num,))
+    return jnp.where(jnp.stack([upright, ~upright], axis=1), across, along)
 
 
 def _in_other_layouts(key: PRNGKeyArray, frame: Copy, place, movable, holds, extent) -> Copy:

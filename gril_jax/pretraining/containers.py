@@ -16,8 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .edges import crossed
+
 _MOST, _FEW = 0.85, 0.15  # shares of ends that make a rule
-_FULL, _POWER = 0.9, 3  # of the near cost, as in `final_places`
+_ABSENT = -1e3  # distance out of a thing that the scene lacks, world units
 _REACH = 0.5  # world units over which the rest of the cost grows, at least
 
 
@@ -69,29 +71,27 @@ def lacking(
 ) -> Float[Array, ""]:
     """Cost of what is not where it belongs, and of what is empty; `due` is each object's weight.
 
-    The fraction `near_cost_fraction` applies near the edge, the rest grows in proportion to the
-    distance.
+    The fraction `near_cost_fraction` applies across the edge (`edges.crossed`), the rest grows in
+    proportion to the distance.
     """
     out = _outwardness(bonds.container, center, size, label)  # (N, C)
     known = jnp.isfinite(out)
     out = jnp.where(known, out, 0.0)
     side = (size.min(axis=1) / 2 + 1e-6)[:, None]
+
+    def cost(beyond, half):
+        far = jax.nn.relu(beyond) / _REACH
+        return near_cost_fraction * crossed(beyond, half) + (1.0 - near_cost_fraction) * far
+
     total = jnp.zeros(())
     for rule, sign in ((bonds.inside, 1.0), (bonds.outside, -1.0)):
-        beyond = sign * out  # of the centre, from where it belongs
-        stick = jnp.clip((beyond / side + 1.0) / _FULL, 0.0, 1.0) ** _POWER
-        far = jax.nn.relu(beyond) if sign > 0 else jax.nn.relu(beyond + side)
-        cost = near_cost_fraction * stick + (1.0 - near_cost_fraction) * far / _REACH
-        cost = jnp.where(rule[label] & known & counted[:, None], cost, 0.0).sum(axis=1)
-        total += jnp.sum(due * cost)
+        each = cost(sign * out, side)  # of the centre, from where it belongs
+        each = jnp.where(rule[label] & known & counted[:, None], each, 0.0).sum(axis=1)
+        total += jnp.sum(due * each)
     empty = _emptiness(bonds.inside, center, size, label, counted)
     lacks = counted & bonds.filled[label] & jnp.isfinite(empty)
-    empty = jax.nn.relu(jnp.where(lacks, empty, 0.0))
     smallest = jnp.min(jnp.where(counted, side[:, 0], jnp.inf), initial=1.0)
-    return total + jnp.sum(
-        near_cost_fraction * jnp.minimum(empty / smallest, 1.0)
-        + (1 - near_cost_fraction) * empty / _REACH
-    )
+    return total + jnp.sum(cost(jnp.where(lacks, empty, _ABSENT), smallest))
 
 
 def _beyond(center, size):

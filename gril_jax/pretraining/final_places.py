@@ -23,13 +23,11 @@ from gril_jax.config.reward import LossConfig
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
+from .edges import crossed
+
 _INTO = 0.9  # share of the ends in a thing's box from which on it is what they are brought into
 _STRAY = 0.05  # a class of which more than this share of ends lies in a box is no intruder
-# Where a centre may be anywhere in a box, the near cost grows as this power of how far the object's
-# own box sticks out, in halves of it. Most of it lies near the edge, where the task draws its line.
-# It is complete at `_FULL`, a little before the edge: no network follows a kink exactly, and an
-# object just outside must not gain by that.
-_POWER, _FULL = 3, 0.9
+_NOWHERE = -1e3  # depth in a box that the scene lacks, world units
 
 
 class FinalPlaces(NamedTuple):
@@ -127,10 +125,16 @@ def intrusion(
     label: Int[Array, "N"],
 ) -> Float[Array, "N"]:
     """Depth of each object that does not belong there inside the box of a class; else 0."""
+    return jnp.maximum(_depth(places, center, size, label), 0.0)
+
+
+def _depth(places, center, size, label):
+    """Depth (N,) of each object that does not belong there in the box of a class; negative outside
+    of all of them."""
     low, high, found = _boxes(places, center, size, label)
     inwards = jnp.minimum(center[:, None] - low, high - center[:, None])  # (N, C, 2)
-    depth = jnp.where(found, inwards.min(axis=2), 0.0).max(axis=1)
-    return jnp.where(places.intruder[label], jnp.maximum(depth, 0.0), 0.0)
+    depth = jnp.where(found, inwards.min(axis=2), _NOWHERE).max(axis=1)
+    return jnp.where(places.intruder[label], depth, _NOWHERE)
 
 
 def crowding(
@@ -171,9 +175,9 @@ def misplacement(
     demonstrations begin. The fraction `near_cost_fraction` of it applies in full as soon as the
     object is out of place by half its own box. The rest grows in proportion to the distance.
 
-    For an object that belongs anywhere in its reference's box, that fraction applies in full as
-    soon as its centre is out of that box. It is 0 while the object's whole box is inside. A centre
-    costs the same all along the edge, so an object in place never costs more than one out of it.
+    For an object that belongs anywhere in its reference's box, that fraction applies where its
+    centre is out of that box, and for an intruder where its centre is in (`edges.crossed`). It is
+    the same all along the edge, so an object in place never costs more than one out of it.
 
     Args:
       places: of the demonstrations.
@@ -196,18 +200,22 @@ def misplacement(
     if clearance_radius:
         amiss = crowding(places, center, size, label, clearance_radius=clearance_radius)
     else:
-        amiss = jnp.minimum(intrusion(places, center, size, label) / half, 1.0)
+        amiss = crossed(-_depth(places, center, size, label), _half_side(size))
+        amiss = jnp.where(places.intruder[label], 1.0 - amiss, 0.0)
     cost = jnp.where(due, cost, intrusion_weight * amiss)
     return jnp.sum(jnp.where(counted, cost, 0.0)) / jnp.maximum(jnp.sum(due), 1).astype(cost.dtype)
 
 
 def _out(places, center, size, label):
-    """Share of the near cost of boxes that stick out of the box of their class: from 0 where they
-    are within it to 1 where a centre is out."""
+    """Share of the near cost of centres at the edge of the box of their class."""
     low, high, found = (x[label] for x in _boxes(places, center, size, label))
-    half = jnp.maximum(size / 2, 1e-6)
-    stick = jnp.maximum(low + half - center, center - (high - half)) / half
-    return jnp.where(found, jnp.clip(stick.max(axis=1) / _FULL, 0.0, 1.0) ** _POWER, 0.0)
+    beyond = jnp.maximum(low - center, center - high).max(axis=1)
+    return jnp.where(found, crossed(beyond, _half_side(size)), 0.0)
+
+
+def _half_side(size):
+    """Half the smaller side of each box."""
+    return size.min(axis=1) / 2
 
 
 def _class_mean(x, of_class):

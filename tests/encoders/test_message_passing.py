@@ -18,6 +18,7 @@ from gril_jax.encoders.encoder import EncoderConfig
 from gril_jax.encoders.message_passing import node_weights, weighted_pool
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs.scene import edge_indices, scene_graph
+from gril_jax.pretraining.edges import WIDTH
 
 CONFIG = EncoderConfig(num_classes=4, width=8, rounds=2, latent=5, length_unit=0.5)
 WITH_RELATIONS = dataclasses.replace(CONFIG, relations=True, words=(0, 0, 1, 2, 3, 2, 3, 4))
@@ -38,6 +39,7 @@ def _by_jraph(params, graph, config):
     edges = [graph.edges / unit]
     if config.relations:
         edges = [jnp.concatenate([graph.edges, message_passing._relations(graph)], -1) / unit]
+        edges.append(message_passing._side_of_edge(graph))
     if config.words:
         edges.append(message_passing._alike(graph, config))
     kinds = [] if config.words else [jax.nn.one_hot(nodes.label, config.num_classes)]
@@ -179,10 +181,21 @@ def test_relations_are_overhang_and_gap_of_plain_arithmetic():
         np.testing.assert_allclose(found[edge], expected, atol=1e-6)
 
 
-def test_relations_are_four_numbers_of_an_edge():
+def test_the_side_of_an_edge_changes_where_a_centre_crosses_it():
+    found = np.asarray(message_passing._side_of_edge(_graph(CENTER)))[:, 0]
+    graph = _graph(CENTER)
+    for edge, (s, r) in enumerate(
+        zip(graph.senders.tolist(), graph.receivers.tolist(), strict=True)
+    ):
+        beyond = (np.abs(CENTER[s] - CENTER[r]) - SIZE[s] / 2).max()
+        half = float(SIZE[r].min()) / 2
+        assert found[edge] == pytest.approx(np.tanh(beyond / (2 * WIDTH * half)), abs=1e-5)
+
+
+def test_relations_are_five_numbers_of_an_edge():
     params = jax.eval_shape(lambda key: message_passing.init(key, RELATED), jax.random.key(0))
     kernels = [x.shape for x in jax.tree.leaves(params["messages"])]
-    assert (7, 8) in kernels  # offset, its length, and four relations
+    assert (8, 8) in kernels  # offset, its length, and five relations
 
 
 WORDS = (0, 0, 1, 2, 3, 2)  # robot, red star, blue star

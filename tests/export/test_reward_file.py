@@ -185,7 +185,7 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
 @pytest.mark.parametrize(
     ("about", "error", "text"),
     [
-        ({"version": 3}, RewardFileError, "has version 3, but .* gril-jax reads 2"),
+        ({"version": 4}, RewardFileError, "has version 4, but .* gril-jax reads 3"),
         ({"version": True}, RewardFileError, "has version True"),
         ({"format": "gril-jax policy"}, RewardFileError, "has format 'gril-jax policy'"),
         ({"encoder": {"kind": "transformer"}}, ConfigError, "encoder.kind is 'transformer'"),

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gril_jax.pretraining.edges import WIDTH
 from gril_jax.pretraining.final_places import (
     FinalPlaces,
     astray,
@@ -158,12 +159,12 @@ def test_what_ends_well_inside_belongs_anywhere_inside(demos, anywhere, places):
     assert not beside.within.any()  # the ends lie across an edge of the region
 
 
-def test_the_near_share_is_due_from_the_edge_that_a_box_crosses_to_where_its_centre_does(anywhere):
+def test_the_near_share_is_due_where_a_centre_crosses_the_edge(anywhere):
     rng = np.random.default_rng(2)
     for block in rng.uniform(-0.6, 0.6, (20, 2)):
-        stick = np.clip((np.abs(block) - (HALF - 0.1)) / 0.1 / 0.9, 0, 1).max() ** 3
+        out = np.clip((np.abs(block) - HALF).max() / (2 * WIDTH * 0.1) + 0.5, 0, 1)
         away = np.linalg.norm(np.maximum(np.abs(block) - HALF, 0))
-        expected = 0.7 * stick + 0.3 * away / float(anywhere.journey)
+        expected = 0.7 * out + 0.3 * away / float(anywhere.journey)
         assert _cost(anywhere, _scene(block), near_cost_fraction=0.7) == pytest.approx(
             expected, abs=1e-5
         )
@@ -175,14 +176,21 @@ def test_whatever_is_in_place_costs_less_than_whatever_is_not(anywhere):
     cost = np.array([_cost(anywhere, _scene(block)) for block in blocks[:60]])
     inside = (np.abs(blocks[:60]) < HALF).all(axis=1)
     assert cost[inside].max() <= cost[~inside].min()
-    # Of all places inside, 87 % are further from the edge than where 0.7 of it is due.
-    assert abs((cost[inside] < 0.7 * cost[~inside].min()).mean() - 0.87) < 0.15
+    # It is flat inside: all that is further from the edge than WIDTH halves of the box costs 0.
+    assert not cost[(np.abs(blocks[:60]) < HALF - WIDTH * 0.1).all(axis=1)].any()
 
 
 def test_an_intruder_costs_its_share(places):
     assert _cost(places, _scene((0, 0), idle=(0, 0)), intrusion_weight=0.3) == pytest.approx(
         0.3, abs=1e-6
     )
+
+
+def test_an_intruder_costs_as_soon_as_its_centre_is_in(anywhere):
+    near = [
+        _cost(anywhere, _scene((0, 0), idle=(HALF[0] + away, 0))) for away in (-0.04, 0.0, 0.04)
+    ]
+    assert near == pytest.approx([0.5, 0.25, 0.0], abs=1e-5)
 
 
 def test_what_has_not_been_touched_costs_a_little_more(places):

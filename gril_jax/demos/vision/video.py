@@ -4,7 +4,6 @@ A frame is (H, W, 3) RGB, 8 bits a channel. Files are written as yuv420p, which 
 plays, at a quality where the codec moves a block's edge by a fraction of a pixel.
 """
 
-import errno
 import itertools
 import os
 import pathlib
@@ -17,6 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gril_jax.errors import DemoError
+from gril_jax.safe_files import cause
 
 from .opening import opened, pixel_aspect, shown
 from .stamps import frame_times
@@ -50,8 +50,9 @@ def write_video(
         _encode(part, path, frames, fps, preset)
         os.replace(part, path)
     except OSError as error:  # av's errors are OSErrors where the system has a number for them
-        reason = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
-        raise DemoError(f"{path}: the video could not be written because {reason}.") from error
+        raise DemoError(
+            f"{path}: the video could not be written because {cause(error)}."
+        ) from error
     except av.FFmpegError as error:
         raise DemoError(f"{path}: the encoder refused the frames ({error.strerror}).") from error
     finally:

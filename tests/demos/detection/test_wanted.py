@@ -104,7 +104,7 @@ def test_classes_of_a_file_may_be_chosen_and_must_be_there(tmp_path):
 
 def test_the_extra_is_named_where_it_is_missing(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r"torch, .* pip install gril-jax\[detect\]"):
+    with pytest.raises(ConfigError, match=r"torch, .* pip install 'gril-jax\[detect\]'"):
         wanted("cup")
 
 

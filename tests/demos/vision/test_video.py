@@ -105,7 +105,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_part(tmp_path, frames, monkey
         return Full()
 
     monkeypatch.setattr("gril_jax.demos.vision.video.open", open_on_full_disk, raising=False)
-    with pytest.raises(DemoError, match=r"a\.mp4: .* because the disk is full\.$"):
+    with pytest.raises(DemoError, match=r"a\.mp4: .* because there is no space left \("):
         write_video(tmp_path / "a.mp4", frames, 8.0)
     assert list(tmp_path.iterdir()) == []
 
