@@ -118,9 +118,9 @@ class Audited(NamedTuple):
         return float("nan") if value is None else float(value)
 
     def words(self, name: str) -> str:
-        """What a figure is; of misranked successes, also by which kind of shortfall."""
-        found = f", {self.worst}" if self.worst and name == "misranked_share" else ""
-        return self.table[name].words + found
+        """What a figure is; where successes are misranked, also by which kind of shortfall."""
+        named = self.worst and name == "misranked_share" and self.value(name) > 0
+        return self.table[name].words + (f", {self.worst}" if named else "")
 
     def lines(self) -> list[str]:
         """A line for each figure: its value, its threshold, its meaning, and whether it fails."""

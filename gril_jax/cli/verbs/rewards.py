@@ -31,7 +31,7 @@ class _Audit:
     variant: Variant | None = None
     """Quantities randomised at the start; None keeps the run's own variant."""
     ascents: int = field(default=1000, metadata=count())
-    """Gradient searches for states with a high reward and no progress."""
+    """Gradient searches for states with a high reward and no success."""
     starts: int = field(default=4, metadata=count())
     """Starts of episodes; all states of the audit are made around them."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
