@@ -10,10 +10,10 @@ The first kind of this list that fits is the state's:
     other             anything else
 
 A state counts only if it is clear. In a clear shortfall no single object that is shifted by the
-margin along an axis makes a success; in a clear success each such shift leaves one. The margin is
-two pixels of a picture of the scene that is 96 pixels wide.
+margin, along an axis or along both, makes a success. In a clear success each such shift leaves one.
+The margin is two pixels of a picture of the scene that is 96 pixels wide.
 
-Shapes use N for objects, K for stages, W for those that are shifted, and P for places: 4 W + 1.
+Shapes use N for objects, K for stages, W for those that are shifted, and P for places: 8 W + 1.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,8 @@ KINDS = (
 )  # fmt: skip
 UNCLEAR = -1  # in place of a kind: a success, or too close to one
 _PIXELS, _PICTURE = 2, 96  # the margin, and the width of the picture that it is measured in
-_AXES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+_EACH = (-1.0, 0.0, 1.0)
+_WAYS = tuple((x, y) for x in _EACH for y in _EACH if x or y)  # along an axis, or along both
 
 
 def margin(task: StagedTask) -> float:
@@ -55,8 +56,8 @@ def scores_near(
     which: Sequence[int] | Int[Array, "W"],
     far: float,
 ) -> Float[Array, "P"]:
-    """True progress as it is, and with each of some objects shifted along each axis by `far`."""
-    steps = far * jnp.array(_AXES)
+    """True progress as it is, and with each of some objects shifted by `far`, in eight ways."""
+    steps = far * jnp.array(_WAYS)
     shift = jax.vmap(lambda i: jax.vmap(lambda step: center.at[i].add(step))(steps))
     moved = shift(jnp.asarray(which)).reshape(-1, *center.shape)
     possible = lambda c: task.progress(task.possible(c, start.size), start.size)  # noqa: E731

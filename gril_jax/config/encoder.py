@@ -26,8 +26,8 @@ class EncoderOptions:
     precision: Literal["float32", "bfloat16"] = "float32"
     """Precision of convolutions (pixels). Parameters and latents are float32 in both."""
     relations: bool = False
-    """True if edges also say how far two boxes overlap or are apart, and which one holds the other's
-    centre."""
+    """True if edges also say how far two boxes overlap or are apart, and whether a centre is inside
+    the other one."""
     share_attributes: bool = False
     """True if edges say which words two class names share, such as a colour, and nodes do not know
     their class (paper). A reward of red blocks then also holds for blue ones."""
