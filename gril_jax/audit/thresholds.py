@@ -118,7 +118,7 @@ class Audited(NamedTuple):
         return float("nan") if value is None else float(value)
 
     def words(self, name: str) -> str:
-        """What a figure is; where successes are misranked, also by which kind of shortfall."""
+        """The meaning of a figure, with the worst kind where successes are misranked."""
         named = self.worst and name == "misranked_share" and self.value(name) > 0
         return self.table[name].words + (f", {self.worst}" if named else "")
 

@@ -68,3 +68,16 @@ def test_a_touched_object_counts_as_moved_from_first_to_last():
     assert (np.asarray(touched)[:, :2] == np.asarray(touched)[:, :1]).all()
     assert 0.2 < new.mean() < 0.3
     assert not batch.touch(jax.random.key(0), bits, 0.0)[:, 0].any()
+
+
+def test_places_at_an_edge_lie_around_it_on_both_sides():
+    keys = jax.random.split(jax.random.key(0), 4000)
+    sides, size = jnp.array([[0.8, 0.4]]), jnp.array([[0.1, 0.1]])
+    place = jax.jit(
+        jax.vmap(lambda key: batch._at_edge(key, jnp.array([[0.3, -0.2]]), sides, size)[0])
+    )(keys)
+    beyond = np.abs(np.asarray(place) - [0.3, -0.2]) - np.asarray(sides[0]) / 2
+    nearest = np.abs(beyond).min(axis=1)  # of the four lines along the edges
+    assert np.quantile(nearest, 0.95) < 2 * 0.9 * 0.05  # two standard deviations
+    assert (beyond.max(axis=1) < 0).mean() == pytest.approx(0.5 / 1.1, abs=0.04)  # inside
+    assert beyond.max() < 0.9 * 0.05 * 5
