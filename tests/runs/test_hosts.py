@@ -124,12 +124,13 @@ with hosts.scratch() as scratch:
         try:
             chunks(folder, path, copy)
         except Interrupted as stop:
-            assert "SIGTERM came, and the run is saved after 1 of 2" in str(stop), stop
+            left = "the run is saved" if me == 0 else "the run ends"
+            assert f"SIGTERM came, and {left} after 1 of 2" in str(stop), stop
         else:
             raise AssertionError("nobody noticed the signal")
         before, done = chunks(folder, path, fresh)
     assert before == 1
-    assert len(list(path.glob("checkpoints/sac/*"))) == (2 if me == 0 else 0)
+    assert len(list(path.glob("checkpoints/sac/*"))) == (1 if me == 0 else 0)
 state = host_copy(hosts.gathered(done.state))
 if me == 0:
     np.savez(out + "/state.npz", *[leaf.array for leaf in state])
@@ -163,7 +164,7 @@ def test_two_processes_stop_and_go_on_together_and_come_to_what_one_comes_to(tmp
     ]  # fmt: skip
     wanted = host_copy(train("sac", jax.devices()[:1], SEEDS)[0])
     try:
-        for child in children:
+        for child in reversed(children):  # a failure of one leaves the other waiting for it
             printed, errors = child.communicate(timeout=120)
             assert child.returncode == 0, errors
             assert printed.splitlines()[-1] == "done True"
