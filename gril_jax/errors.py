@@ -3,6 +3,15 @@
 from typing import Any
 
 
+def printable(text: str) -> str:
+    """The text on one line, with an escape for every letter that a terminal would obey or hide.
+
+    >>> print(printable(f"red{chr(27)}[31m"))
+    red\\x1b[31m
+    """
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split("\n")))
+
+
 class GrilError(Exception):
     """Base of every error that a user can cause; its text is one sentence."""
 

@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import io
+import logging
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -60,6 +61,8 @@ def heavy_imports(
     os.environ.setdefault("JAX_THREEFRY_GPU_KERNEL_LOWERING", "1")
     # OpenCV's threads cost more than they bring on pictures this small.
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+    # A callback of a task that fails ends the command with a sentence, and no traceback before it.
+    logging.getLogger("jax._src.callback").setLevel(logging.CRITICAL)
     with (
         contextlib.redirect_stdout(io.StringIO()),
         _spared_from_collection(),
