@@ -129,7 +129,7 @@ def load_policy(path: str | os.PathLike) -> TrainedPolicy:
     """The policy in a file of `TrainedPolicy.save`, or of `gril export`.
 
     Raises:
-      ValueError: the file is damaged or no policy file.
+      PolicyFileError: the file is missing, damaged or of another task than it says.
 
     Example:
       load_policy("policy.npz").evaluate(episodes=256)

@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _tell(sentence: str) -> None:
     """Says why a command ends, in one line of standard error."""
-    print(f"gril: {printable(sentence).rstrip('.')}.", file=sys.stderr)
+    print(f"gril: {printable(' '.join(sentence.splitlines())).rstrip('.')}.", file=sys.stderr)
 
 
 def make_printable(*streams: object) -> None:

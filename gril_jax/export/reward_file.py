@@ -7,7 +7,7 @@
 Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` and
 `encoder.messages.Dense_0.kernel`; and `description`, a JSON text:
 
-    format, version         "gril-jax reward", 2
+    format, version         "gril-jax reward", 3
     encoder                 kind (paper, interaction, mlp, pixel) and the fields of its config
     activity                the fields of an `ActivityRule` (Eq. 4)
     classes, robots         names that a label is an index into; those that are the robot
@@ -43,6 +43,7 @@ from gril_jax.types import DemoBatch
 from . import reward_format
 from .read_policy import unpack
 from .reward_format import RewardFileError, packed
+from .reward_values import check_values
 
 
 def save_reward(
@@ -118,7 +119,9 @@ def load_reward(path: str | os.PathLike) -> LearnedReward:
     reward_format.check_arrays(arrays, wanted, str(path))
     leaves = [jnp.asarray(arrays[name]) for name in wanted]
     params = jax.tree.unflatten(jax.tree.structure(learned.params), leaves)
-    return dataclasses.replace(learned, params=params)
+    learned = dataclasses.replace(learned, params=params)
+    check_values(learned, about["half_extent"], str(path))
+    return learned
 
 
 def _digest(demos):
@@ -154,4 +157,5 @@ def _read(path):
     except IsADirectoryError:
         raise RewardFileError(f"{path} is a folder; it must be a file of save_reward.") from None
     except (OSError, ValueError) as error:
-        raise RewardFileError(f"{error}.") from None
+        named = "" if str(path) in str(error) else f"{path}: "
+        raise RewardFileError(f"{named}{error}.") from None
