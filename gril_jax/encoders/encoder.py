@@ -25,7 +25,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gril_jax.config.encoder import PoolConfig
 from gril_jax.config.tables import ENCODERS, LARGEST, find, fits
 from gril_jax.errors import ConfigError, ShapeError
-from gril_jax.types import SceneGraph
+from gril_jax.types import SceneGraph, checked
 
 from .box_mlp import MLPConfig as MLPConfig
 from .ensemble import latent_size, member, num_members
@@ -63,6 +63,7 @@ def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
     return _module(config).init(key, config)
 
 
+@checked
 def apply(
     params: Params,
     graph: SceneGraph | Float[Array, "... height width 3"],
@@ -96,6 +97,7 @@ def apply(
     return _module(config).apply(params, graph, config)
 
 
+@checked
 def node_embeddings(
     params: Params, graph: SceneGraph, config: NodeConfig, *, form: Form = "dense"
 ) -> Float[Array, "N H"]:

@@ -38,7 +38,7 @@ from gril_jax.graphs.activity_rule import PAPER, ActivityRule
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.safe_files import new_file
-from gril_jax.types import DemoBatch
+from gril_jax.types import DemoBatch, checked
 
 from . import reward_format
 from .read_policy import unpack
@@ -46,6 +46,7 @@ from .reward_format import RewardFileError, packed
 from .reward_values import check_values
 
 
+@checked
 def save_reward(
     path: str | os.PathLike,
     params: RewardParams,
@@ -91,6 +92,7 @@ def save_reward(
     _write(Path(path), packed(arrays, text), overwrite)
 
 
+@checked
 def save_learned(
     path: str | os.PathLike, learned: LearnedReward, *, overwrite: bool = False
 ) -> None:
@@ -104,6 +106,7 @@ def save_learned(
     )  # fmt: skip
 
 
+@checked
 def load_reward(path: str | os.PathLike) -> LearnedReward:
     """Reads a reward; its values equal the saved parameters bit for bit.
 
@@ -141,10 +144,10 @@ def _write(path, contents, overwrite):
         raise RewardFileError(
             f"{path} exists already; give another name, or overwrite=True to replace it."
         ) from None
-    except OSError as error:
+    except (OSError, ValueError) as error:  # of a name with NUL
         raise RewardFileError(
-            f"{path} cannot be written ({error.strerror or error}); its folder must exist and have "
-            "room."
+            f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); its folder "
+            "must exist and have room."
         ) from None
 
 

@@ -10,8 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import checked
 
 
+@checked
 def kendall_tau(
     x: Float[Array, "T"] | Int[Array, "T"], length: Int[Array, ""] | int | None = None
 ) -> Float[Array, ""]:
@@ -23,7 +25,12 @@ def kendall_tau(
     Args:
       x: values in order of time; ties are allowed.
       length: how many of them count; all if left out.
+
+    Raises:
+      ShapeError: `x` has not one axis.
     """
+    if x.ndim != 1:
+        raise ShapeError(f"x has shape {x.shape}, but must be one value for each frame")
     frame = jnp.arange(x.shape[0])
     counted = frame[:, None] < frame
     if length is not None:
@@ -36,6 +43,7 @@ def kendall_tau(
     return jnp.sum(order) / jnp.where(untied > 0, denominator, 1.0)
 
 
+@checked
 def alignment_tau(
     query: Float[Array, "T D"],
     key: Float[Array, "S D"],
@@ -60,6 +68,7 @@ def alignment_tau(
     return kendall_tau(jnp.argmin(distance, axis=-1), query_length)
 
 
+@checked
 def mean_alignment_tau(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
 ) -> Float[Array, ""]:
@@ -75,6 +84,7 @@ def mean_alignment_tau(
     return jnp.sum(jnp.where(others, taus, 0.0)) / max(num_videos * (num_videos - 1), 1)
 
 
+@checked
 def reward_time_tau(
     reward: Float[Array, "T"], length: Int[Array, ""] | int | None = None
 ) -> Float[Array, ""]:
@@ -82,6 +92,7 @@ def reward_time_tau(
     return kendall_tau(reward, length)
 
 
+@checked
 def two_way_cycle_consistency(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None, *, tolerance: int = 1
 ) -> Float[Array, ""]:
@@ -136,6 +147,7 @@ def _lengths(latents, length) -> Int[Array, "B"]:
     return jnp.full(num_videos, num_frames) if length is None else length
 
 
+@checked
 def interquartile_mean(scores: Float[Array, "*shape"]) -> Float[Array, ""]:
     """Mean of the scores without the lowest and the highest quarter (Agarwal et al., NeurIPS 2021).
 
@@ -158,6 +170,7 @@ def interquartile_mean(scores: Float[Array, "*shape"]) -> Float[Array, ""]:
     return jnp.where(jnp.isnan(ordered[-1]), jnp.nan, middle)  # NaN is sorted last, and cut off
 
 
+@checked
 def interquartile_interval(
     key: PRNGKeyArray,
     scores: Float[Array, "R"] | Float[Array, "R K"],
