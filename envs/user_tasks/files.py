@@ -64,6 +64,8 @@ def reference(name: str, what: str = "task") -> Reference:
     elif not colon or not path.endswith(".py"):
         raise ValueError(f"the {what} {name!r} must be FILE.py:FUNCTION, such as my_{what}.py:make")
     file = Path(os.path.abspath(os.path.expanduser(path)))
+    if not str(file).isprintable():
+        raise ValueError(f"the {what} {name!r} is in {str(file.parent)!r}, which cannot be printed")
     function = function if path != name else _only_function(file, what)
     if not function.isidentifier():
         raise ValueError(f"the {what} {name!r} must end with the name of a function, such as :make")

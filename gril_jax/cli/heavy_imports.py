@@ -7,7 +7,7 @@ import logging
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 
 from gril_jax import threads
@@ -17,6 +17,11 @@ from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
 _THREADS = 4  # of XLA on a CPU, that two of them may block
+
+GL_FAULT = (
+    "MUJOCO_GL is {value!r}, but MuJoCo cannot be imported with that here: unset it, or see which "
+    "works with gril doctor"
+)
 
 
 def _set_for(config: MakeDemosConfig) -> None:
@@ -48,6 +53,7 @@ def heavy_imports(
       ConfigError: a task or device cannot be had, or JAX is told to compute in float64.
     """
     _require_float32()
+    _require_mujoco()
     if config is not None:
         _set_for(config)
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
@@ -79,6 +85,17 @@ def _require_float32() -> None:
         raise ConfigError(
             f"JAX_ENABLE_X64 is {value!r}, but gril computes in float32: unset it, or set it to 0"
         )
+
+
+def _require_mujoco() -> None:
+    """Refuses a backend of OpenGL that MuJoCo cannot be imported with: it needs none to compute."""
+    value = os.environ.get("MUJOCO_GL")
+    if value:
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                import_module("mujoco")
+        except (ImportError, AttributeError, OSError, RuntimeError):
+            raise ConfigError(GL_FAULT.format(value=value)) from None
 
 
 @contextlib.contextmanager
