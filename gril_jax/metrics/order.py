@@ -59,7 +59,12 @@ def alignment_tau(
       key: latents of the video they look in.
       query_length: frames of `query` that count; all if left out.
       key_length: the same for `key`.
+
+    Raises:
+      ShapeError: a video has not two axes.
     """
+    if query.ndim != 2 or key.ndim != 2:
+        raise ShapeError(f"query has shape {query.shape} and key {key.shape}; both must be (T, D)")
     distance = jnp.sum(jnp.square(key), axis=-1) - 2.0 * jnp.matmul(
         query, key.T, precision="highest"
     )
@@ -72,7 +77,8 @@ def alignment_tau(
 def mean_alignment_tau(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
 ) -> Float[Array, ""]:
-    """Mean of `alignment_tau` over all ordered pairs of different videos; 0 for one video."""
+    """Mean of `alignment_tau` over all ordered pairs of different videos; 0 for one video. A
+    ShapeError unless the latents have three axes."""
     num_videos, length = len(latents), _lengths(latents, length)
 
     def from_query(query):  # one row of pairs at a time: memory grows with B T^2, not B^2 T^2
@@ -88,7 +94,8 @@ def mean_alignment_tau(
 def reward_time_tau(
     reward: Float[Array, "T"], length: Int[Array, ""] | int | None = None
 ) -> Float[Array, ""]:
-    """Kendall's tau-b between a reward trace and time: 1 if it rises with every frame."""
+    """Kendall's tau-b between a reward trace and time: 1 if it rises with every frame; a ShapeError
+    unless the trace has one axis."""
     return kendall_tau(reward, length)
 
 

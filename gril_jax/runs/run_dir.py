@@ -306,7 +306,7 @@ def create_or_resume(
 
 
 def require_text(path: Path) -> None:
-    """Raises RunError if a folder's whole name is no text, in which no checkpoint can be written."""
+    """Raises RunError if a folder's whole name is no text: no checkpoint could be written."""
     try:
         f"{path.absolute()}".encode()
     except UnicodeEncodeError:
