@@ -208,11 +208,8 @@ def build(name: str, options: Mapping[str, Any]) -> Any:
             f"{file}: {maker.__name__} has no option {unknown[0]!r}"
             f"{nearest(unknown[0], [*known])}: {takes}"
         )
-    try:
+    with files.guarded(maker.__name__, file):
         task = maker(**options)
-    except Exception as error:
-        where = files.fault(error, file)
-        raise ValueError(f"{file}: {maker.__name__} failed at {where}") from error
     return import_module("gril_jax.envs.user_tasks.protocol").completed(task, file)
 
 
@@ -222,7 +219,7 @@ def _entry_point(name: str) -> Callable[..., Any]:
     point = _installed()[name]
     try:
         made = point.load()
-    except Exception as error:
+    except files.FAILURES as error:
         raise ValueError(
             f"the task {name!r} of {point.value} cannot be imported: {error}"
         ) from error

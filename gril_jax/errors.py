@@ -2,6 +2,27 @@
 
 from typing import Any
 
+_JOINERS = dict.fromkeys(map(ord, "\u200c\u200d"))  # with which Persian, Hindi and others spell
+
+
+def is_printable(value: Any) -> bool:
+    """True for text that a terminal and a page show as it is: no control characters, no line ends,
+    no halves of letters.
+
+    >>> is_printable("Küche 1"), is_printable("a\\n"), is_printable("\\ud800"), is_printable(1)
+    (True, False, False, False)
+    """
+    return isinstance(value, str) and value.translate(_JOINERS).isprintable()
+
+
+def printable(text: str) -> str:
+    """The text with an escape for every letter that a terminal would obey or hide.
+
+    >>> print(printable(f"red{chr(27)}[31m"))
+    red\\x1b[31m
+    """
+    return "".join(c if is_printable(c) else repr(c)[1:-1] for c in text)
+
 
 class GrilError(Exception):
     """Base of every error that a user can cause; its text is one sentence."""

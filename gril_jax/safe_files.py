@@ -11,9 +11,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
+from urllib.parse import quote
 
 from .errors import RunError
 
+_LONGEST = 200  # bytes of a file's name, to which a number and an ending may be added
+_NO_LETTERS = '%/\\:*?"<>|'  # of files' names, on one system or another
+_RAW = "surrogatepass"  # of names that are no text, as those of some files are
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -47,6 +51,23 @@ def write_whole(file: Path, contents: str | bytes, *, durable: bool = True) -> N
     os.replace(part, file)
     if durable:
         sync(file.parent)
+
+
+def file_name(name: str) -> str:
+    """The name of a file, without its ending, for any text: other texts have other names, and
+    `urllib.parse.unquote` gives the text back, unless the name ends with the digest of a long one.
+
+    >>> file_name("a/b 0"), file_name("a_b 0"), file_name(".."), file_name("50 %")
+    ('a%2Fb 0', 'a_b 0', '%2E.', '50 %25')
+    """
+    plain = lambda c: c.isprintable() and c not in _NO_LETTERS  # noqa: E731
+    made = "".join(c if plain(c) else quote(c, "", errors=_RAW) for c in name)
+    made = f"%2E{made[1:]}" if made[:1] == "." else made
+    raw = made.encode(errors=_RAW)
+    if len(raw) <= _LONGEST:
+        return made
+    digits = hashlib.sha256(name.encode(errors=_RAW)).hexdigest()
+    return f"{raw[: _LONGEST - len(digits) - 1].decode(errors='ignore')} {digits}"
 
 
 def digest(file: Path) -> str:

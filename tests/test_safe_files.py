@@ -1,8 +1,11 @@
 """Files appear whole or not at all; a folder has one writer (`test_run_dir` has two processes)."""
 
 import os
+from urllib.parse import unquote
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gril_jax import safe_files
 from gril_jax.errors import RunError
@@ -53,3 +56,20 @@ def test_a_look_at_the_lock_leaves_the_note_of_who_had_it(tmp_path):
 def test_a_lock_without_a_note_is_of_an_unknown_process(tmp_path):
     with take_lock(tmp_path, note=False), pytest.raises(RunError, match="by process unknown:"):
         take_lock(tmp_path)
+
+
+_NAMES = st.text(st.one_of(st.sampled_from("/_.% a-1\\:\0é"), st.characters()), max_size=300)
+
+
+@settings(max_examples=300, deadline=None)
+@given(name=_NAMES, other=_NAMES)
+def test_file_names_are_unique_and_reversible(name, other):
+    made = safe_files.file_name(name)
+    raw = made.encode(errors="surrogatepass")
+    assert len(raw) <= 200
+    assert made.isprintable()
+    assert not {"/", "\\", "\0"} & {*made}
+    assert made[:1] != "."
+    if len(raw) < 200 - 3:  # which no digest ends
+        assert unquote(made, errors="surrogatepass") == name
+    assert (made == safe_files.file_name(other)) == (name == other)

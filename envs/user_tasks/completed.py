@@ -4,7 +4,9 @@ A user's task must have `classes`, `action_size`, `reset` and `step`, and states
 `objects` and the metric "success". Everything else has a usual value here.
 """
 
-from collections.abc import Callable, Mapping
+import inspect
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -13,10 +15,11 @@ import numpy as np
 from gril_jax.envs.base import Objects, Outline, State
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from .files import TaskError, guarded
+
 USUAL: Mapping[str, Any] = {
     "episode_length": 100, "control_hz": 10.0, "half_extent": 1.0, "background": (255, 255, 255),
 }  # fmt: skip
-OPTIONAL = ("stages", "expert", "place", "outlines", "render")
 
 # Tableau's colours, so that neighbouring classes differ.
 _COLOURS = (
@@ -38,33 +41,64 @@ class Completed:
     Its states have the types that training needs: float32, labels of int32, no weak types.
     """
 
-    def __init__(self, task: Any):
-        self.task = task
+    def __init__(self, task: Any, file: Path):
+        self.task, self.file = task, file
         self.classes = tuple(task.classes)
         self.action_size = int(task.action_size)
-        for name, usual in USUAL.items():
-            setattr(self, name, getattr(task, name, usual))
-        for name in OPTIONAL[:2]:
-            setattr(self, name, getattr(task, name, None))
-        own = getattr(task, "place", None)
-        self.place = None if own is None else lambda *boxes_and_key: complete(own(*boxes_and_key))
+        for name in USUAL:
+            setattr(self, name, member(task, name))
+        self.stages = member(task, "stages")
+        self.expert = None if member(task, "expert") is None else self._expert
+        self.place = None if member(task, "place") is None else self._place
         if hasattr(task, "render"):
-            self.render = lambda data, **how: task.render(data.own, **how)
+            self.render = lambda data, **how: self._own("render", data.own, **how)
         shape = jax.eval_shape(lambda: self.reset(jax.random.key(0)).obs).shape
         self.observation_size = shape[0]
 
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts a new episode."""
-        return complete(self.task.reset(key))
+        return complete(self._own("reset", key))
 
     def step(self, state: State, action: Float[Array, "A"]) -> State:
         """Advances one control step."""
-        return complete(self.task.step(state._replace(data=state.data.own), action))
+        return complete(self._own("step", state._replace(data=state.data.own), action))
 
     def outlines(self, data: Shown) -> list[Outline]:
         """The task's own drawing of one state, or its boxes (host side)."""
-        own: Callable[[Any], list[Outline]] | None = getattr(self.task, "outlines", None)
-        return boxes(data.objects) if own is None else own(data.own)
+        if not hasattr(self.task, "outlines"):
+            return boxes(data.objects)
+        with guarded("outlines", self.file):
+            drawn = [Outline(*outline) for outline in self._own("outlines", data.own)]
+        if not all(np.ndim(one.vertices) == 2 and np.shape(one.vertices)[1] == 2 for one in drawn):
+            raise TaskError(f"{self.file}: outlines must give vertices of the shape (corners, 2)")
+        return drawn
+
+    def _expert(self, state: State, key: PRNGKeyArray) -> Float[Array, "A"]:
+        """The expert's action; the expert sees the user's own states."""
+        action = self._own("expert", state._replace(data=state.data.own), key)
+        with guarded("expert", self.file):
+            action = jnp.asarray(action, jnp.float32)
+        if action.shape != (self.action_size,):
+            raise TaskError(
+                f"{self.file}: expert returns an action of the shape {action.shape}, but it must "
+                f"be ({self.action_size},)"
+            )
+        return action
+
+    def _place(self, center: Any, size: Any, key: PRNGKeyArray) -> State:
+        return complete(self._own("place", center, size, key))
+
+    def _own(self, method: str, *args: Any, **options: Any) -> Any:
+        """The answer of the user's method; a TaskError if it fails."""
+        with guarded(method, self.file):
+            return getattr(self.task, method)(*args, **options)
+
+
+def member(task: Any, name: str) -> Any:
+    """A member of a user's task; the usual one, or None, where there is none. A property that
+    fails is no member that is missing."""
+    there = inspect.getattr_static(task, name, None) is not None or hasattr(task, name)
+    return getattr(task, name) if there else USUAL.get(name)
 
 
 def complete(state: Any) -> State:

@@ -16,19 +16,26 @@ import hashlib
 import importlib.abc
 import importlib.util
 import os
+import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
 from gril_jax.envs.checks import nearest
 
+FAILURES = (Exception, SystemExit)  # whatever a user's code may raise; it must not end the process
 _LARGEST = 10_000_000  # bytes; nobody's task is longer
+_RAISED = "Traceback (most recent call last)"  # in what XLA says of a callback that failed
 
 _named: dict[Path, str] = {}  # what this process was told to run: a file's digest
 _moved: dict[Path, Path] = {}  # where a file of a run is now
+
+
+class TaskError(ValueError):
+    """A task of one's own breaks the contract, or its code fails; one sentence with its file."""
 
 
 class Reference(NamedTuple):
@@ -57,6 +64,8 @@ def reference(name: str, what: str = "task") -> Reference:
     elif not colon or not path.endswith(".py"):
         raise ValueError(f"the {what} {name!r} must be FILE.py:FUNCTION, such as my_{what}.py:make")
     file = Path(os.path.abspath(os.path.expanduser(path)))
+    if not str(file).isprintable():
+        raise ValueError(f"the {what} {name!r} is in {str(file.parent)!r}, which cannot be printed")
     function = function if path != name else _only_function(file, what)
     if not function.isidentifier():
         raise ValueError(f"the {what} {name!r} must end with the name of a function, such as :make")
@@ -163,14 +172,42 @@ def load(text: str) -> Callable[..., Any]:
     return made
 
 
+@contextlib.contextmanager
+def guarded(what: str, file: Path) -> Iterator[None]:
+    """Whatever the user's code raises in the block, or in a function that this decorates, is a
+    TaskError that names `what`, the file and the line."""
+    try:
+        yield
+    except TaskError:
+        raise
+    except FAILURES as error:
+        said = fault(error, file)
+        at = "at" if said.startswith("line ") else "with"
+        raise TaskError(f"{file}: {what} failed {at} {said}") from error
+
+
 def fault(error: BaseException, file: Path) -> str:
     """An exception in a few words, with the line of the user's file that it came from."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
     if isinstance(error, SyntaxError) and error.filename == str(file):
         lines = [error.lineno]
-    where = f"line {lines[-1]}: " if lines else ""
-    said = next((line.strip() for line in str(error).splitlines() if line.strip()), "")
-    return f"{where}{type(error).__name__}{f': {said:.200}' if said else ''}".rstrip(". ")
+    said = _words(error)
+    if _RAISED in said:  # of a callback: the last line says what, others where
+        lines = re.findall(f'File "{re.escape(str(file))}", line ([0-9]+)', said)
+        said = said.strip().splitlines()[-1]
+    else:
+        said = next((line.strip() for line in said.splitlines() if line.strip()), "")
+        said = f"{type(error).__name__}{f': {said:.200}' if said else ''}"
+    if isinstance(error, SystemExit):
+        said = f"it called sys.exit({error.code!r:.60})"
+    return f"{f'line {lines[-1]}: ' if lines else ''}{said:.240}".rstrip(". ")
+
+
+def _words(error: BaseException) -> str:
+    try:
+        return str(error)
+    except FAILURES:  # of a class of theirs
+        return ""
 
 
 def _place(found: Reference) -> Path:
@@ -234,7 +271,7 @@ def _run(file: Path, source: bytes, known: str) -> ModuleType:
     sys.modules[known] = module  # dataclasses look their module up
     try:
         loader.exec_module(module)
-    except (Exception, SystemExit) as error:
+    except FAILURES as error:
         del sys.modules[known]
         raise ValueError(f"{file}, {fault(error, file)}") from error
     return module

@@ -14,11 +14,14 @@ from gril_jax.config import EnvConfig
 from gril_jax.demos import importing
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.envs import Env, registry
+from gril_jax.errors import ConfigError
 from gril_jax.runs.progress import Progress
+from gril_jax.types import checked
 
 _PRESET = "own_task"  # of a user's task
 
 
+@checked
 def import_videos(
     folder: str | os.PathLike,
     out: str | os.PathLike | None = None,
@@ -50,6 +53,7 @@ def import_videos(
         return importing.import_videos(folder, out, **options)
 
 
+@checked
 def load_demos(folder: str | os.PathLike) -> DemoSet:
     """The demonstrations in a folder of `import_videos` or of `gril demos`.
 
@@ -65,6 +69,7 @@ def load_demos(folder: str | os.PathLike) -> DemoSet:
 _MADE: weakref.WeakKeyDictionary[Any, tuple[str, dict[str, Any]]] = weakref.WeakKeyDictionary()
 
 
+@checked
 def make(name: str, **options: Any) -> Env:
     """A task: an environment with pure functions `reset(key)` and `step(state, action)`.
 
@@ -88,19 +93,28 @@ def make(name: str, **options: Any) -> Env:
 
 
 def preset(task: Any) -> str:
-    """The name of the configuration that a task is trained with unless another is named."""
-    name = task if isinstance(task, str) else _MADE.get(task, ("", {}))[0]
+    """The name of the configuration that a task is trained with unless another is named; a
+    ConfigError for what is no task."""
+    name = task if isinstance(task, str) else _made(task)[0]
     if not name or registry.is_own(name):
         return _PRESET
     return registry.spec(name).config or name
 
 
+def _made(task: Any) -> tuple[str, dict[str, Any]]:
+    """The name and the options that `make` was given; of another object none."""
+    if not callable(getattr(task, "reset", None)):
+        raise ConfigError(f"task is {task!r:.60}, but must be a name, or have reset and step")
+    return _MADE.get(task, ("", {}))
+
+
 def env_config(task: Any, usual: EnvConfig) -> EnvConfig:
-    """The section `env` of a task: by its name as a preset has it, but an object as it is."""
+    """The section `env` of a task: by its name as a preset has it, but an object as it is; a
+    ConfigError for what is no task."""
     if isinstance(task, str):
         return dataclasses.replace(usual, name=task)
     known = [field.name for field in dataclasses.fields(EnvConfig) if field.name != "options"]
-    name, given = _MADE.get(task, ("", {}))
+    name, given = _made(task)
     if not name or registry.is_own(name):
         return EnvConfig(name=registry.lend(task))
     values = {option: _default(name, option) for option in registry.options(name)} | given

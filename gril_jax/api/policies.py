@@ -18,6 +18,7 @@ from gril_jax.errors import ConfigError
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
+from gril_jax.types import checked
 from gril_jax.workflows import export_reward
 from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
 from gril_jax.workflows.learning import encoders, policies
@@ -26,6 +27,7 @@ from . import settings
 from .trained_policy import Rates, TrainedPolicy
 
 
+@checked
 def train_policy(
     task: Any,
     reward: LearnedReward | Sequence[LearnedReward] | None = None,
@@ -104,6 +106,7 @@ def train_policy(
     return TrainedPolicy(config, env, algorithm, policy, params, curves)
 
 
+@checked
 def evaluate(
     policy: TrainedPolicy,
     task: Any = None,
@@ -125,11 +128,12 @@ def evaluate(
     return policy.evaluate(episodes=episodes, seed=seed, task=task)
 
 
+@checked
 def load_policy(path: str | os.PathLike) -> TrainedPolicy:
     """The policy in a file of `TrainedPolicy.save`, or of `gril export`.
 
     Raises:
-      ValueError: the file is damaged or no policy file.
+      PolicyFileError: the file is missing, damaged or of another task than it says.
 
     Example:
       load_policy("policy.npz").evaluate(episodes=256)

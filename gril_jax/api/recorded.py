@@ -7,11 +7,13 @@ from typing import Any
 from gril_jax.config.task import Places
 from gril_jax.demos.demo_set import DemoSet
 from gril_jax.runs.progress import Progress
+from gril_jax.types import checked
 from gril_jax.workflows.build import make_demos
 
 from . import settings
 
 
+@checked
 def record_demos(
     task: Any,
     out: str | os.PathLike,

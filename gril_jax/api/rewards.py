@@ -21,6 +21,7 @@ from gril_jax.reward import latent_reward
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
+from gril_jax.types import checked
 from gril_jax.workflows import audit as audits
 from gril_jax.workflows import export_reward, film_audit
 from gril_jax.workflows.build import demonstrations, learners, setup, vocabulary
@@ -32,6 +33,7 @@ from gril_jax.workflows.subtasks.ends import of_video, segments
 from . import inputs, settings
 
 
+@checked
 def learn_reward(
     demos: DemoSet,
     *,
@@ -127,6 +129,7 @@ class Audit:
         return "\n".join([self.verdict, *self.lines])
 
 
+@checked
 def audit_reward(
     reward: LearnedReward,
     task: Any = None,
@@ -215,6 +218,7 @@ class Subtasks:
         return "\n".join(lines)
 
 
+@checked
 def find_subtasks(
     reward: LearnedReward,
     demos: DemoSet,

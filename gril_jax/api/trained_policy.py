@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config import RunConfig
 from gril_jax.demos.vision import video
 from gril_jax.envs import Env
 from gril_jax.errors import ConfigError
-from gril_jax.export import policy_file, read_policy
+from gril_jax.export import policy_file
 from gril_jax.report import rates
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.rl.training import Algorithm
@@ -137,14 +137,12 @@ class TrainedPolicy:
     @classmethod
     def load(cls, path: Path) -> "TrainedPolicy":
         """See `gril_jax.load_policy`."""
-        about, arrays = read_policy.unpack(path)
-        read_policy.load_policy(path)  # checks that layers and arrays fit together
+        about, arrays = policy_file.load(path)
         hidden = tuple(layer["out"] for layer in about["layers"][:-1])
-        known = {n: tuple(x) if isinstance(x, list) else x for n, x in about["env"].items()}
         config = RunConfig()
         config = dataclasses.replace(
             config,
-            env=EnvConfig(**known),
+            env=policy_file.env_of(about, path),
             ppo=dataclasses.replace(
                 config.ppo, hidden=hidden, observe_activity=about["activity"] is not None
             ),
@@ -152,7 +150,14 @@ class TrainedPolicy:
         )
         env = setup.make_env(config.env, training=False)
         algorithm = policy_setup.make_algorithm(config, env)
-        policy = _restored(policy_setup.fresh_policy(config, algorithm, jax.random.key(0)), arrays)
+        blank = policy_setup.fresh_policy(config, algorithm, jax.random.key(0))
+        policy = _restored(blank, arrays)
+        shapes = [[np.shape(leaf) for leaf in jax.tree.leaves(x)] for x in (blank, policy)]
+        if shapes[0] != shapes[1]:
+            raise policy_file.PolicyFileError(
+                f"{path}: the policy is of another task than {config.env.shown_name}, which has "
+                f"{env.observation_size} observations and {env.action_size} actions"
+            )
         return cls(config, env, algorithm, jax.tree.map(lambda x: x[None], policy), (), {})
 
     def _played(self, index: int, episodes: int, seed: int, task: Any):

@@ -4,7 +4,6 @@ A task's file that `--task` names is run. One that only a run or a configuration
 this user has named it before, with the contents that it has now; see `envs.user_tasks.files`.
 """
 
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos.folders import left_by_system
 from gril_jax.envs.user_tasks import files
-from gril_jax.errors import ConfigError, DemoError, RunError
+from gril_jax.errors import ConfigError, DemoError, RunError, printable
 from gril_jax.runs import places, reading, run_dir
 from gril_jax.runs.reading import task_digest
 from gril_jax.safe_files import writing
@@ -21,7 +20,11 @@ from gril_jax.safe_files import writing
 _ROUNDS = 2  # of hard negatives
 
 Work = Callable[[], int | None]  # what is left to do once the command line is understood
-echo = functools.partial(print, flush=True)  # at once, also into a pipe
+
+
+def echo(text: str) -> None:
+    """Prints a line or several, at once, also into a pipe."""
+    print("\n".join(map(printable, text.split("\n"))), flush=True)
 
 
 def run_config_of(

@@ -157,6 +157,7 @@ def new_run(given: Sections, prog: str, *, films_alone: bool = False) -> RunConf
     require_surroundings(config)
     if config.run.out is not None:
         run_dir.require_new(Path(config.run.out))
+        run_dir.require_text(Path(config.run.out))
     return config
 
 

@@ -3,10 +3,11 @@
 import contextlib
 import gc
 import io
+import logging
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 
 from gril_jax import threads
@@ -16,6 +17,11 @@ from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 
 _THREADS = 4  # of XLA on a CPU, that two of them may block
+
+GL_FAULT = (
+    "MUJOCO_GL is {value!r}, but MuJoCo cannot be imported with that here: unset it, or see which "
+    "works with gril doctor"
+)
 
 
 def _set_for(config: MakeDemosConfig) -> None:
@@ -47,6 +53,7 @@ def heavy_imports(
       ConfigError: a task or device cannot be had, or JAX is told to compute in float64.
     """
     _require_float32()
+    _require_mujoco()
     if config is not None:
         _set_for(config)
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gril_jax" / "jax"
@@ -60,6 +67,8 @@ def heavy_imports(
     os.environ.setdefault("JAX_THREEFRY_GPU_KERNEL_LOWERING", "1")
     # OpenCV's threads cost more than they bring on pictures this small.
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+    # A callback of a task that fails ends the command with a sentence, and no traceback before it.
+    logging.getLogger("jax._src.callback").setLevel(logging.CRITICAL)
     with (
         contextlib.redirect_stdout(io.StringIO()),
         _spared_from_collection(),
@@ -76,6 +85,17 @@ def _require_float32() -> None:
         raise ConfigError(
             f"JAX_ENABLE_X64 is {value!r}, but gril computes in float32: unset it, or set it to 0"
         )
+
+
+def _require_mujoco() -> None:
+    """Refuses a backend of OpenGL that MuJoCo cannot be imported with: it needs none to compute."""
+    value = os.environ.get("MUJOCO_GL")
+    if value:
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                import_module("mujoco")
+        except (ImportError, AttributeError, OSError, RuntimeError):
+            raise ConfigError(GL_FAULT.format(value=value)) from None
 
 
 @contextlib.contextmanager

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from importlib import metadata
 
 from gril_jax.config.command_line import nearest
-from gril_jax.errors import ConfigError, GrilError
+from gril_jax.envs.user_tasks.files import TaskError
+from gril_jax.errors import ConfigError, GrilError, printable
 from gril_jax.runs.interrupt import Interrupted, heard
 
 from . import verbs
@@ -47,30 +48,36 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()  # here, where a pipe that is closed can still be answered for
         return result
     except Interrupted as stop:
-        print(f"gril: {stop}.", file=sys.stderr)
+        _tell(str(stop))
         return stop.exit_code
-    except GrilError as error:
-        print(f"gril: {str(error).rstrip('.')}.", file=sys.stderr)
+    except (GrilError, TaskError) as error:
+        _tell(str(error))
         # What only the task or the devices can refuse is known later, but is a wrong command too.
         return 2 if isinstance(error, ConfigError) else code
     except KeyboardInterrupt:
         if argv is None:  # another one ends the process at once, and says nothing more
             signal.signal(signal.SIGINT, signal.SIG_DFL)
-        print("gril: interrupted.", file=sys.stderr)
+        _tell("interrupted")
         return 130
     except SystemExit as stop:  # tyro has printed the help
         if isinstance(stop.code, str):  # of a user's own code
-            print(f"gril: {stop.code.rstrip('.')}.", file=sys.stderr)
+            _tell(stop.code)
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except BrokenPipeError:  # the reader of a pipe has had enough, as in `gril --help | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (OSError, MemoryError, RuntimeError) as error:
-        said = _of_the_system(error) if isinstance(error, OSError) else _of_memory(error)
+        system = isinstance(error, OSError)
+        said = _of_the_system(error) if system else _of_memory(error) or _of_a_callback(error)
         if said is None:
             raise
-        print(f"gril: {said}.", file=sys.stderr)
+        _tell(said)
         return code
+
+
+def _tell(sentence: str) -> None:
+    """Says why a command ends, in one line of standard error."""
+    print(f"gril: {printable(' '.join(sentence.splitlines())).rstrip('.')}.", file=sys.stderr)
 
 
 def make_printable(*streams: object) -> None:
@@ -109,6 +116,15 @@ def _of_memory(error: Exception) -> str | None:
         "there is not enough memory for this: end what else uses the device, or lower "
         "--ppo.num-envs or --seeds (a run that has begun goes on with --resume)"
     )
+
+
+def _of_a_callback(error: Exception) -> str | None:
+    """The same on Python code that a task calls while JAX runs it, where it is that: XLA gives its
+    whole traceback."""
+    lines = str(error).strip().splitlines()
+    if not any("Traceback (most recent call last)" in line for line in lines):
+        return None
+    return f"the task's own Python code failed while JAX ran it ({lines[-1].strip():.200})"
 
 
 # As XLA, CUDA and Warp say it.

@@ -5,9 +5,12 @@ Entries of the tables name code by its path, since a command line is read before
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any, NamedTuple
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from gril_jax.errors import ConfigError
+
+LARGEST = 2**20  # of a size or a length in a file, which its reader would build
 
 
 def rule(holds: Callable[[Any], bool], text: str) -> dict[str, Any]:
@@ -45,6 +48,26 @@ def require(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
     if metadata and not metadata["holds"](value):
         shown = list(value) if isinstance(value, tuple) else value
         raise ConfigError(f"{name} is {shown!r}, but must be {metadata['text']}")
+
+
+def fits(value: Any, kind: Any) -> bool:
+    """True for a value out of JSON that a field of this type may have; lists count as tuples.
+
+    >>> fits(["a"], tuple[str, ...]), fits(1, float | None), fits(True, int), fits("b", int | None)
+    (True, True, False, False)
+    """
+    if get_origin(kind) is Annotated:
+        return fits(value, get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return any(fits(value, one) for one in get_args(kind))
+    if get_origin(kind) is Literal:
+        return isinstance(value, str) and value in get_args(kind)
+    if get_origin(kind) is tuple:  # of any length
+        few = isinstance(value, list | tuple) and len(value) <= LARGEST
+        return few and all(fits(one, get_args(kind)[0]) for one in value)
+    if kind is NoneType:
+        return value is None
+    return type(value) is kind or (kind is float and type(value) is int)
 
 
 class Encoder(NamedTuple):

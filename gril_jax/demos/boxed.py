@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gril_jax.errors import DemoError
+from gril_jax.errors import DemoError, printable
 
 from . import import_notes
 from .demo import Demo, Source, Tracks, trim_static_tail
@@ -91,7 +91,7 @@ def of_films(
         progress(len(films))
     made = DemoSet(
         tuple(demos), task, plan.classes, float(extent), plan.fps,
-        f"{len(films)} videos of {folder.resolve().name}" if source is None else source,
+        f"{len(films)} videos of {printable(folder.resolve().name)}" if source is None else source,
         robots=tuple(acting), unit=WIDTHS if half_extent is None else WORLD, noise=noise or None,
         smoothing=_MEDIAN if noise else 1,
     )  # fmt: skip

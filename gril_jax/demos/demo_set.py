@@ -11,6 +11,7 @@ T is frames, N objects. A folder appears whole or not at all, and is checked aga
 whenever it is loaded.
 """
 
+import functools
 import itertools
 import math
 import os
@@ -114,13 +115,17 @@ class DemoSet:
 
     def select(self, names: Sequence[str]) -> tuple[Demo, ...]:
         """The demonstrations of these names, in this order; a DemoError if there is none."""
-        known = dict(zip(self.names, self.demos, strict=True))
+        known = self._by_name
         if unknown := [name for name in names if name not in known]:
             raise DemoError(
                 f"{self.where}: there is no demonstration {unknown[0]!r}; there are "
-                f"{', '.join(known)}."
+                f"{', '.join(known):.2000}."
             )
         return tuple(known[name] for name in names)
+
+    @functools.cached_property
+    def _by_name(self) -> dict[str, Demo]:
+        return dict(zip(self.names, self.demos, strict=True))
 
     def split(self, held_out: int | None = None) -> dict[str, list[str]]:
         """Names of demonstrations to "train" on, of the last ones, kept aside for "validation", and

@@ -2,12 +2,12 @@
 
 import hashlib
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from typing import Any
 
 import numpy as np
 
-from gril_jax.errors import DemoError
+from gril_jax.errors import DemoError, is_printable
 
 from .demo import Tracks
 
@@ -55,11 +55,11 @@ def check_header(header: object, folder: pathlib.Path) -> dict[str, Any]:
         if not 0 < header[field] < 1e30:  # beyond it, a whole number may be no float
             raise DemoError(f"{where}: {field} must be above 0, not {header[field]!s:.60}.")
     for field in ("classes", "robots"):
-        if not all(isinstance(name, str) for name in header[field]):
-            raise DemoError(f"{where}: {field} must be a list of names.")
-    for name in header["robots"]:
-        if name not in header["classes"]:
-            raise DemoError(f"{where}: robots names {name!r:.60}, which is not one of the classes.")
+        if (twice := _repeated(header[field], f"{where}: {field}")) is not None:
+            raise DemoError(f"{where}: {field} names {twice!r:.60} twice; names must differ.")
+    known = {*header["classes"]}
+    if stray := [name for name in header["robots"] if name not in known]:
+        raise DemoError(f"{where}: robots names {stray[0]!r:.60}, which is not one of the classes.")
     if not 0 <= (header["noise"] or 0.0) < 1e30:
         raise DemoError(f"{where}: noise must be at least 0, not {header['noise']!s:.60}.")
     if not 1 <= header["smoothing"] < 100 or header["smoothing"] % 2 == 0:
@@ -67,12 +67,23 @@ def check_header(header: object, folder: pathlib.Path) -> dict[str, Any]:
     if not header["demos"]:
         raise DemoError(f"{where}: demos is empty; a demo set needs at least 1 demonstration.")
     for i, entry in enumerate(header["demos"]):
-        _check_entry(entry, header["classes"], f"{where}, demos[{i}]")
-    names = [entry["name"] for entry in header["demos"]]
-    for name in names:
-        if names.count(name) > 1:
-            raise DemoError(f"{where}: two demonstrations are called {name!r}; names must differ.")
+        _check_entry(entry, known, f"{where}, demos[{i}]")
+    twice = _repeated([entry["name"] for entry in header["demos"]], f"{where}: names")
+    if twice is not None:
+        raise DemoError(f"{where}: two demonstrations are called {twice!r:.60}; names must differ.")
     return header
+
+
+def _repeated(names: list[Any], where: str) -> str | None:
+    """The first name that is there twice; a DemoError if one is no name."""
+    seen: set[str] = set()
+    for name in names:
+        if not is_printable(name) or not name.strip():
+            raise DemoError(f"{where} must be a list of names in printable letters.")
+        if name in seen:
+            return name
+        seen.add(name)
+    return None
 
 
 def _check_fields(holder: object, fields: dict[str, Any], where: str) -> None:
@@ -90,16 +101,13 @@ def _check_fields(holder: object, fields: dict[str, Any], where: str) -> None:
 
 
 def _check_text(value: object, where: str) -> None:
-    """Raises `DemoError` for names that no file and no page could hold: JSON may have half a
-    letter."""
+    """Raises `DemoError` for text that no page could hold and a terminal would obey."""
     for text in value if isinstance(value, list) else [value]:
-        try:
-            _ = isinstance(text, str) and text.encode()
-        except UnicodeEncodeError:
-            raise DemoError(f"{where} must be text, not {text!r:.60}.") from None
+        if isinstance(text, str) and not is_printable(text):
+            raise DemoError(f"{where} must be text in printable letters, not {text!r:.60}.")
 
 
-def _check_entry(entry: object, classes: list[str], where: str) -> None:
+def _check_entry(entry: object, classes: Set[str], where: str) -> None:
     _check_fields(entry, _ENTRY, where)
     _check_stages(entry.get("stages"), where)
     for file in (entry["video"], entry["tracks"]):
@@ -113,14 +121,15 @@ def _check_entry(entry: object, classes: list[str], where: str) -> None:
     if entry["frames"] < 2:
         raise DemoError(f"{where}: a demonstration needs at least 2 frames, not {entry['frames']}.")
     for name in entry["objects"]:
-        if name not in classes:
-            raise DemoError(f"{where}: the object {name!r} is not one of the set's classes.")
+        if not isinstance(name, str) or name not in classes:
+            raise DemoError(f"{where}: the object {name!r:.60} is not one of the set's classes.")
 
 
 def _check_stages(stages: object, where: str) -> None:
     if stages is not None and not (stages and isinstance(stages, dict)):
         raise DemoError(f"{where}: stages must give each stage's frame by its name.")
     for name, frame in (stages or {}).items():
+        _check_text(name, f"{where}: stages")
         if type(frame) is not int or frame < -1:
             raise DemoError(f"{where}: stage {name!r} must have a frame or -1, not {frame!r:.60}.")
 

@@ -17,16 +17,15 @@ import dataclasses
 import sys
 import typing
 from collections.abc import Mapping
-from types import NoneType, UnionType
-from typing import Any, Literal, Union
+from typing import Any, Union
 
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.config.encoder import PoolConfig
-from gril_jax.config.tables import ENCODERS, find
+from gril_jax.config.tables import ENCODERS, LARGEST, find, fits
 from gril_jax.errors import ConfigError, ShapeError
-from gril_jax.types import SceneGraph
+from gril_jax.types import SceneGraph, checked
 
 from .box_mlp import MLPConfig as MLPConfig
 from .ensemble import latent_size, member, num_members
@@ -43,7 +42,7 @@ GraphConfig = Union[tuple(kind for kind, one in _KINDS.items() if one.boxes)]  #
 AnyConfig = Union[tuple(_KINDS)]  # noqa: UP007
 
 # A file must not make its reader build a network without end.
-_MOST, _MOST_OF_OTHERS = {"rounds": 100, "ensemble_size": 100}, 2**20
+_MOST = {"rounds": 100, "ensemble_size": 100}
 
 
 def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
@@ -64,6 +63,7 @@ def init(key: PRNGKeyArray, config: AnyConfig) -> Params:
     return _module(config).init(key, config)
 
 
+@checked
 def apply(
     params: Params,
     graph: SceneGraph | Float[Array, "... height width 3"],
@@ -97,6 +97,7 @@ def apply(
     return _module(config).apply(params, graph, config)
 
 
+@checked
 def node_embeddings(
     params: Params, graph: SceneGraph, config: NodeConfig, *, form: Form = "dense"
 ) -> Float[Array, "N H"]:
@@ -175,10 +176,10 @@ def from_json(about: Any) -> AnyConfig:
                 f"encoder.{name} is unknown to this version of gril-jax; a {about['kind']} encoder "
                 f"has {', '.join(types)}."
             )
-        if not _fits(value, types[name]):
+        if not fits(value, types[name]):
             wanted = getattr(types[name], "__name__", types[name])
             raise ConfigError(f"encoder.{name} is {value!r:.60}; it must be of type {wanted}.")
-        most = _MOST.get(name, _MOST_OF_OTHERS)
+        most = _MOST.get(name, LARGEST)
         if type(value) is int and value > most:
             raise ConfigError(f"encoder.{name} is {value!r:.60}; it must be at most {most}.")
     if "num_classes" in types and "num_classes" not in values:
@@ -219,16 +220,3 @@ def _node_module(config):
             "member of an ensemble has its own."
         )
     return _module(config)
-
-
-def _fits(value, kind):
-    if typing.get_origin(kind) in (typing.Union, UnionType):
-        return any(_fits(value, one) for one in typing.get_args(kind))
-    if typing.get_origin(kind) is Literal:
-        return value in typing.get_args(kind)
-    if typing.get_origin(kind) is tuple:  # of any length
-        few = isinstance(value, (list, tuple)) and len(value) <= _MOST_OF_OTHERS
-        return few and all(_fits(one, typing.get_args(kind)[0]) for one in value)
-    if kind is NoneType:
-        return value is None
-    return type(value) is kind or (kind is float and type(value) is int)

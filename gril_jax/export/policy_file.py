@@ -36,14 +36,17 @@ import itertools
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, get_type_hints, runtime_checkable
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from gril_jax.config import RunConfig
-from gril_jax.errors import RunError, ShapeError
+from gril_jax.config import EnvConfig, MakeDemosConfig, RunConfig
+from gril_jax.config.run_config import check
+from gril_jax.config.tables import fits
+from gril_jax.errors import ConfigError, GrilError, RunError, ShapeError, is_printable
+from gril_jax.graphs import activity_rule
 from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.runs.checkpoints import checkpoint
@@ -56,6 +59,10 @@ from .reward_format import packed
 FORMAT, VERSION = "gril-jax policy", 2
 
 _ACTIVATION = "swish"  # brax's default, which PPO and SAC keep; the last layer has none
+
+
+class PolicyFileError(GrilError, ValueError):
+    """A policy file is missing, damaged, or of no network that this package has."""
 
 
 @runtime_checkable
@@ -184,6 +191,82 @@ def write(
                 file.write(contents)
         except FileExistsError:
             raise RunError(f"{out} exists already, but --out must be a new file") from None
+
+
+def load(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The description and the arrays of a policy file of ours; a PolicyFileError for a file that is
+    missing, damaged, or not what `describe` and `policy_arrays` made."""
+    try:
+        about, arrays = read_policy.unpack(path)
+        read_policy.load_policy(path)  # checks that layers and arrays fit together
+        _check(about)
+    except OSError as error:
+        raise PolicyFileError(f"{path} cannot be read ({error.strerror})") from None
+    except (ValueError, ConfigError) as error:
+        named = "" if str(path) in str(error) else f"{path}: "
+        raise PolicyFileError(f"{named}{error}") from None
+    except (LookupError, TypeError, AttributeError) as error:
+        why = f"{type(error).__name__}: {error!s:.60}"
+        raise PolicyFileError(f"{path} is no whole policy file ({why}): export it again") from None
+    return about, arrays
+
+
+def env_of(about: dict[str, Any], path: Path) -> EnvConfig:
+    """The task that a policy file names; a PolicyFileError if its settings are not those of one."""
+    found, kinds = about["env"], get_type_hints(EnvConfig, include_extras=True)
+    for name, value in found.items():
+        if name not in kinds or not fits(value, kinds[name]):
+            raise PolicyFileError(f"{path}: env.{name} cannot be {value!r:.60}: export it again")
+    if lacks := [name for name in kinds if name not in found]:
+        raise PolicyFileError(f"{path}: env.{lacks[0]} is missing: export it again")
+    config = EnvConfig(**{n: tuple(x) if isinstance(x, list) else x for n, x in found.items()})
+    try:
+        check(MakeDemosConfig(env=config))
+    except ConfigError as error:
+        raise PolicyFileError(f"{path}: {error}") from None
+    return config
+
+
+def _check(about: dict[str, Any]) -> None:
+    """Raises ValueError unless the description says what this package's networks do."""
+    layers, (start, stop) = about["layers"], about["output"]["mean"]
+    usual = [_ACTIVATION] * (len(layers) - 1) + ["none"]
+    if [layer["activation"] for layer in layers] != usual:
+        raise ValueError(f"the activations must be {', '.join(usual)}")
+    if about["output"] != {"mean": [0, stop], "spread": [stop, 2 * stop], "squash": "tanh"}:
+        raise ValueError(f"the output must be the mean and spread of {stop - start} numbers")
+    _check_parts(about["observation"], layers[0]["in"], "observation")
+    _check_parts(about["action"], stop, "action")
+    if any((part["low"], part["high"]) != (-1.0, 1.0) for part in about["action"]):
+        raise ValueError("the action must be from -1 to 1")
+    if not (fits(about["control_hz"], float) and 0 < about["control_hz"] < 1e6):
+        raise ValueError("control_hz must be a number of actions a second")
+    if about["activity"] is not None:
+        _check_bits(about["activity"], layers[0]["in"])
+    if not isinstance(about["env"], dict):
+        raise ValueError("env must be the settings of the task")
+
+
+def _check_bits(activity: dict[str, Any], stop: int) -> None:
+    """Raises ValueError unless the activity bits are the last ones of the observation."""
+    activity_rule.from_json({"tau": activity["tau"], "window": activity["window"]})
+    objects, found = activity["objects"], [activity["start"], activity["stop"]]
+    if not fits(objects, tuple[str, ...]) or not objects:
+        raise ValueError("the objects of activity must be a list of names")
+    if not fits(found, tuple[int, ...]) or found != [stop - len(objects), stop]:
+        raise ValueError("the range of activity must be the end of the observation")
+
+
+def _check_parts(parts: Sequence[dict[str, Any]], size: int, what: str) -> None:
+    """Raises ValueError unless named parts follow each other from 0 to the size."""
+    at = 0
+    for part in parts:
+        whole = fits(part["start"], int) and fits(part["stop"], int)
+        if not (whole and part["start"] == at < part["stop"] and is_printable(part["name"])):
+            raise ValueError(f"the parts of the {what} must have names, and follow each other")
+        at = part["stop"]
+    if at != size:
+        raise ValueError(f"the parts of the {what} are {at} numbers, but must be {size}")
 
 
 def _layout(env: SizedTask, kind: str, size: int, more: Sequence[str] = ()) -> list[dict[str, Any]]:

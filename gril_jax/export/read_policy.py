@@ -63,8 +63,9 @@ def unpack(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarra
             arrays = {m.filename.removesuffix(".npy"): _array(archive.read(m)) for m in members}
         _require(len(arrays) == len(members), "two arrays have one name")
         _require("description" in arrays, "it has no description")
-        about = json.loads(str(arrays.pop("description")))
+        about = json.loads(str(arrays.pop("description")), parse_constant=_no_number)
         _require(isinstance(about, dict) and "version" in about, "its description has no version")
+        _require_printable(about)
         _require(whole, "its digest is another")
         for name, array in arrays.items():
             _require(array.dtype == np.float32, f"{name} is not float32")
@@ -82,17 +83,33 @@ def _array(raw):
     shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
     _require(dtype.str == "<f4" or (dtype.kind, shape) == ("U", ()), f"an array holds {dtype.str}")
     _require(not fortran, "an array's axes are in another order")
+    _require(all(type(n) is int and n >= 0 for n in shape), "an array has an impossible shape")
     return np.frombuffer(raw, dtype, offset=stream.tell()).reshape(shape)
+
+
+def _no_number(text):
+    raise ValueError(f"its description has the number {text}")
+
+
+def _require_printable(value):
+    """Nothing in the description is a letter that a terminal would obey."""
+    if isinstance(value, str):
+        shown = value.translate(dict.fromkeys(map(ord, "\n\u200c\u200d")))
+        _require(shown.isprintable(), f"its description has {value!r:.40}")
+    elif isinstance(value, dict | list):
+        for one in [*value, *value.values()] if isinstance(value, dict) else value:
+            _require_printable(one)
 
 
 def _check_policy(about, arrays):
     """Each layer takes what the one before it gives, and nothing is missing or left over."""
     version = (about["format"], about["version"])
-    _require(version == ("gril-jax policy", 2), f"it is {version}")
+    known = version == ("gril-jax policy", 2) and type(about["version"]) is int
+    _require(known, f"it is {version}")
     wanted, size = {}, about["layers"][0]["in"]
     wanted["observation_mean"] = wanted["observation_limit"] = (size,)
     for i, layer in enumerate(about["layers"]):
-        _require(layer["in"] == size, f"layer {i} does not fit the one before")
+        _require(type(layer["out"]) is int and layer["in"] == size, f"layer {i} does not fit")
         _require(layer["activation"] in _ACTIVATIONS, f"layer {i} has no known activation")
         size = layer["out"]
         wanted[f"kernel_{i}"], wanted[f"bias_{i}"] = (layer["in"], size), (size,)
@@ -101,6 +118,16 @@ def _check_policy(about, arrays):
     start, stop = about["output"]["mean"]
     _require(type(start) is type(stop) is int and 0 <= start < stop <= size, "no such output")
     _require(about["output"]["squash"] == "tanh", "its output is squashed by no known function")
+    _check_range(arrays, len(about["layers"]))
+
+
+def _check_range(arrays, layers):
+    """No observation can give a number that float32 does not hold."""
+    most = arrays["observation_limit"].astype(float)
+    _require((most > 0).all(), "observation_limit is not above 0")
+    for i in range(layers):
+        most = most @ np.abs(arrays[f"kernel_{i}"].astype(float)) + np.abs(arrays[f"bias_{i}"])
+        _require((most < np.finfo(np.float32).max).all(), f"the numbers of layer {i} overflow")
 
 
 def _require(holds, otherwise):

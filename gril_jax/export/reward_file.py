@@ -7,7 +7,7 @@
 Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` and
 `encoder.messages.Dense_0.kernel`; and `description`, a JSON text:
 
-    format, version         "gril-jax reward", 2
+    format, version         "gril-jax reward", 3
     encoder                 kind (paper, interaction, mlp, pixel) and the fields of its config
     activity                the fields of an `ActivityRule` (Eq. 4)
     classes, robots         names that a label is an index into; those that are the robot
@@ -38,13 +38,15 @@ from gril_jax.graphs.activity_rule import PAPER, ActivityRule
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.safe_files import new_file
-from gril_jax.types import DemoBatch
+from gril_jax.types import DemoBatch, checked
 
 from . import reward_format
 from .read_policy import unpack
 from .reward_format import RewardFileError, packed
+from .reward_values import check_values
 
 
+@checked
 def save_reward(
     path: str | os.PathLike,
     params: RewardParams,
@@ -90,6 +92,7 @@ def save_reward(
     _write(Path(path), packed(arrays, text), overwrite)
 
 
+@checked
 def save_learned(
     path: str | os.PathLike, learned: LearnedReward, *, overwrite: bool = False
 ) -> None:
@@ -103,6 +106,7 @@ def save_learned(
     )  # fmt: skip
 
 
+@checked
 def load_reward(path: str | os.PathLike) -> LearnedReward:
     """Reads a reward; its values equal the saved parameters bit for bit.
 
@@ -118,7 +122,9 @@ def load_reward(path: str | os.PathLike) -> LearnedReward:
     reward_format.check_arrays(arrays, wanted, str(path))
     leaves = [jnp.asarray(arrays[name]) for name in wanted]
     params = jax.tree.unflatten(jax.tree.structure(learned.params), leaves)
-    return dataclasses.replace(learned, params=params)
+    learned = dataclasses.replace(learned, params=params)
+    check_values(learned, about["half_extent"], str(path))
+    return learned
 
 
 def _digest(demos):
@@ -138,10 +144,10 @@ def _write(path, contents, overwrite):
         raise RewardFileError(
             f"{path} exists already; give another name, or overwrite=True to replace it."
         ) from None
-    except OSError as error:
+    except (OSError, ValueError) as error:  # of a name with NUL
         raise RewardFileError(
-            f"{path} cannot be written ({error.strerror or error}); its folder must exist and have "
-            "room."
+            f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); its folder "
+            "must exist and have room."
         ) from None
 
 
@@ -154,4 +160,5 @@ def _read(path):
     except IsADirectoryError:
         raise RewardFileError(f"{path} is a folder; it must be a file of save_reward.") from None
     except (OSError, ValueError) as error:
-        raise RewardFileError(f"{error}.") from None
+        named = "" if str(path) in str(error) else f"{path}: "
+        raise RewardFileError(f"{named}{error}.") from None

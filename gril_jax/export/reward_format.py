@@ -10,7 +10,6 @@ import hashlib
 import importlib.metadata
 import io
 import json
-import math
 import zipfile
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -23,8 +22,9 @@ from jaxtyping import PyTree
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import AnyConfig
 from gril_jax.encoders.ensemble import latent_size, num_members
-from gril_jax.errors import ConfigError, GrilError, ShapeError
+from gril_jax.errors import ConfigError, GrilError, ShapeError, is_printable
 from gril_jax.graphs import activity_rule
+from gril_jax.graphs.activity_rule import PAPER
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 
@@ -77,6 +77,8 @@ def check_arrays(
             raise RewardFileError(f"{where}: {name} is {array.dtype}; it must be float32.")
         if not np.isfinite(array).all():
             raise RewardFileError(f"{where}: {name} is not finite; train the reward again.")
+        if name in ("scale", "alpha") and not (array > 0).all():
+            raise RewardFileError(f"{where}: {name} must be above 0; train the reward again.")
 
 
 def describe(
@@ -116,14 +118,17 @@ def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
     a field that is missing, a ConfigError for a choice that this version does not have."""
     try:
         config = encoder.from_json(about["encoder"])
+        rule = activity_rule.from_json(about["activity"])
+        _require_whole(about, {"encoder": encoder.to_json(config), "activity": PAPER._asdict()})
         learned = LearnedReward(
             blank(config),
             config,
             *(_names(about, field) for field in ("classes", "robots", "objects")),
-            activity=activity_rule.from_json(about["activity"]),
+            activity=rule,
             description=_json(about),
         )
         _check_choices(learned, _positive(about, "half_extent"))
+        _check_words(about)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
     except KeyError as error:
@@ -147,16 +152,31 @@ def _check_choices(learned, half_extent):
 
 def _positive(about, field):
     value = about[field]
-    if value is not None and not (type(value) in (int, float) and 0 < value < math.inf):
+    if value is not None and not (type(value) in (int, float) and 0 < value < 1e30):
         raise ConfigError(f"{field} is {value!r:.60}; it must be a number above 0, or None.")
     return None if value is None else float(value)
 
 
 def _names(about, field):
     names = about[field]
-    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-        raise ConfigError(f"{field} is {names!r:.60}; it must be a list of names.")
+    if not (isinstance(names, list) and all(is_printable(name) for name in names)):
+        raise ConfigError(f"{field} is {names!r:.60}; it must be a list of printable names.")
     return tuple(names)
+
+
+def _require_whole(about, wanted):
+    """Raises KeyError for a field that is missing: its default may be another than the writer's."""
+    for part, fields in wanted.items():
+        if lacks := [name for name in fields if name not in about[part]]:
+            raise KeyError(f"{part}.{lacks[0]}")
+
+
+def _check_words(about):
+    unit, provenance = about["unit"], about["provenance"]
+    if not (unit is None or is_printable(unit)):
+        raise ConfigError(f"unit is {unit!r:.60}; it must be printable text, or None.")
+    if not isinstance(provenance, dict):
+        raise ConfigError(f"provenance is {provenance!r:.60}; it must be an object with fields.")
 
 
 def _version():

@@ -32,6 +32,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.config.encoder import PoolConfig
 from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import checked
 
 # Standard deviations of a resting centre's displacement that count as motion. For Gaussian noise
 # exp(-z^2 / 2) of the frames exceed z of them: 4 in a million.
@@ -55,6 +56,7 @@ class Memory(NamedTuple):
     start: Start | None = None
 
 
+@checked
 def init(
     center: Float[Array, "N 2"],
     *,
@@ -85,6 +87,7 @@ def init(
     )
 
 
+@checked
 def step(
     memory: Memory,
     center: Float[Array, "N 2"],
@@ -135,6 +138,7 @@ def step(
     return memory, active
 
 
+@checked
 def trajectory(
     center: Float[Array, "T N 2"],
     size: Float[Array, "T N 2"],

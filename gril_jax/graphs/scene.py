@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from gril_jax.errors import ConfigError, ShapeError
-from gril_jax.types import Nodes, SceneGraph
+from gril_jax.types import Nodes, SceneGraph, checked
 
 
 def edge_indices(num_nodes: int) -> tuple[Int[Array, "E"], Int[Array, "E"]]:
@@ -40,6 +40,7 @@ def safe_norm(x: Float[Array, "*batch D"]) -> Float[Array, "*batch"]:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
+@checked
 def scene_graph(
     center: Float[Array, "N 2"],
     size: Float[Array, "N 2"],
@@ -61,8 +62,19 @@ def scene_graph(
     Returns:
       A `jraph.GraphsTuple` with `Nodes` as nodes and (E, 3) edges: the offset from the receiver
       to the sender (x, y) and its length.
+
+    Raises:
+      ShapeError: the arrays are not of the same objects.
     """
     num_nodes = center.shape[0]
+    if center.shape != (num_nodes, 2) or size.shape != center.shape:
+        raise ShapeError(
+            f"center has shape {center.shape} and size {size.shape}; both must be (objects, 2)"
+        )
+    flags = {"label": label, "is_robot": is_robot, "active": active, "present": present}
+    for name, flag in flags.items():
+        if flag is not None and flag.shape != (num_nodes,):
+            raise ShapeError(f"{name} has shape {flag.shape}; it must be ({num_nodes},)")
     senders, receivers = edge_indices(num_nodes)
     if present is None:
         present = jnp.any(size > 0, axis=-1)
@@ -78,6 +90,7 @@ def scene_graph(
     )  # fmt: skip
 
 
+@checked
 def boxes_from_pixels(
     boxes: Real[Any, "*batch 4"],
     width: int | float,

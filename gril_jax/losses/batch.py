@@ -13,11 +13,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax.errors import ConfigError
+from gril_jax.types import checked
 
 from .cycle import CycleOptions, cycle_error, prepared_agreement, prepared_cycle, resolved
 from .soft_neighbour import check_batch, closeness, match_weights, prepare
 
 
+@checked
 def mean_cycle_consistency(
     latents: Float[Array, "B T D"],
     times: Float[Array, "B T"],
@@ -47,6 +49,7 @@ def mean_cycle_consistency(
     return mean_consistency(latents, times, valid, **options)[0]
 
 
+@checked
 def mean_consistency(
     latents: Float[Array, "B T D"],
     times: Float[Array, "B T"],
@@ -93,6 +96,7 @@ def _pairs_per_frame(valid):
     return jnp.where(valid, others[:, None], 0)
 
 
+@checked
 def draw_cycles(
     key: PRNGKeyArray, valid: Bool[Array, "B T"], *, num_cycles: int, cycle_length: int = 2
 ) -> tuple[Int[Array, "K L"], Int[Array, "K"]]:
@@ -129,6 +133,7 @@ def draw_cycles(
     return videos, jnp.argmax(jnp.where(valid[videos[:, 0]], chance, -1.0), axis=1)
 
 
+@checked
 def sampled_cycle_consistency(
     latents: Float[Array, "B T D"],
     times: Float[Array, "B T"],
@@ -176,6 +181,7 @@ def sampled_cycle_consistency(
     return errors if valid is None else jnp.where(_closed(videos, frames, valid), errors, 0.0)
 
 
+@checked
 def stochastic_consistency(
     key: PRNGKeyArray,
     latents: Float[Array, "B T D"],

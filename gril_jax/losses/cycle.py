@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import checked
 
 from .soft_neighbour import (
     check_positive,
@@ -50,6 +51,7 @@ class CycleOptions(TypedDict, total=False):
     """Of "classification"; 0.1 if left out."""
 
 
+@checked
 def cycle_error(
     logits: Float[Array, "Q T"],
     times: Float[Array, "T"],
@@ -117,6 +119,7 @@ def cycle_error(
     return jnp.square(error) / variance + variance_weight * jnp.log(variance)
 
 
+@checked
 def cycle_consistency(
     query: Float[Array, "T D"],
     other: Float[Array, "S D"],

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gril_jax.encoders.encoder import GraphConfig, NodeConfig, Params
 from gril_jax.errors import ConfigError, ShapeError
-from gril_jax.types import Nodes
+from gril_jax.types import Nodes, checked
 
 from .soft_neighbour import check_positive
 
@@ -22,6 +22,7 @@ def init(key: PRNGKeyArray, config: NodeConfig) -> Params:
     return _Decoder(config).init(key, jnp.zeros((1, config.width)))["params"]
 
 
+@checked
 def decode(
     params: Params, embeddings: Float[Array, "N H"], config: NodeConfig
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N C"]]:
@@ -41,6 +42,7 @@ def init_graph(key: PRNGKeyArray, config: GraphConfig, *, num_nodes: int) -> Par
     return _Decoder(config, num_nodes).init(key, jnp.zeros(config.latent))["params"]
 
 
+@checked
 def decode_graph(
     params: Params, vector: Float[Array, "H"], config: GraphConfig, *, num_nodes: int
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N C"]]:
@@ -63,6 +65,7 @@ def decode_graph(
     return out[:, :4] * config.length_unit, out[:, 4:]
 
 
+@checked
 def reconstruction(
     box: Float[Array, "N 4"], logits: Float[Array, "N C"], nodes: Nodes, *, length_unit: float = 1.0
 ) -> Float[Array, "N"]:

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gril_jax.errors import ConfigError
+from gril_jax.types import checked
 
 from .warping import (
     Lengths,
@@ -45,6 +46,7 @@ class WarpingOptions(TypedDict, total=False):
     "auto", the default, takes the kernel where it can run."""
 
 
+@checked
 def soft_dtw(
     cost: Float[Array, "*batch T S"],
     lengths: Lengths = None,
@@ -73,6 +75,7 @@ def soft_dtw(
     return best_value(*problem, chosen).reshape(cost.shape[:-2])
 
 
+@checked
 def expected_alignment(
     cost: Float[Array, "*batch T S"],
     lengths: Lengths = None,
@@ -89,6 +92,7 @@ def expected_alignment(
     return alignment.reshape(cost.shape)
 
 
+@checked
 def soft_dtw_between(
     query: Float[Array, "*batch T D"],
     other: Float[Array, "*batch S D"],
@@ -106,6 +110,7 @@ def soft_dtw_between(
     return soft_dtw(cost, lengths, other_lengths, **options)
 
 
+@checked
 def soft_dtw_divergence(
     query: Float[Array, "*batch T D"],
     other: Float[Array, "*batch S D"],

@@ -23,7 +23,9 @@ _SHORTEST = 1e-7  # a latent below this length has no direction
 
 def check_positive(name: str, value: Array | float) -> None:
     """Raises ConfigError if a value is known at trace time and is not above 0."""
-    if not isinstance(value, jax.core.Tracer) and not float(value) > 0:
+    if isinstance(value, jax.core.Tracer):
+        return
+    if isinstance(value, str) or not float(value) > 0:
         raise ConfigError(f"{name} is {value}; it must be positive.")
 
 

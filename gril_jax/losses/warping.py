@@ -16,6 +16,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, Int
 
 from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import checked
 
 from .recursion import FORBIDDEN, recursion, strip_height
 
@@ -25,6 +26,7 @@ Lengths = Int[Array, "..."] | int | None
 _LEAST_GAMMA = 1e-6
 
 
+@checked
 def pairwise_cost(
     query: Float[Array, "*batch T D"],
     other: Float[Array, "*batch S D"],
@@ -35,7 +37,8 @@ def pairwise_cost(
 
     It is the expanded square, one matrix product. Both sequences are first moved by the query's
     first frame, since digits are lost when features lie far from zero. Frames beyond the lengths
-    count as that frame, whatever they hold.
+    count as that frame, whatever they hold. A number whose square would overflow, beyond about 1e18
+    in float32, counts as the largest that does not, with gradient zero.
 
     >>> pairwise_cost(jnp.array([[0.0], [1.0]]), jnp.array([[0.0], [3.0]])).tolist()
     [[0.0, 9.0], [1.0, 4.0]]
@@ -52,10 +55,12 @@ def pairwise_cost(
     dtype = jnp.promote_types(jnp.promote_types(query.dtype, other.dtype), jnp.float32)
     if 0 in (shapes[0][-2], shapes[1][-2]):
         return jnp.zeros((*shapes[0][:-1], shapes[1][-2]), dtype)
-    origin = jax.lax.stop_gradient(query[..., :1, :].astype(dtype))
+    most = jnp.asarray((float(jnp.finfo(dtype).max) / (8 * max(shapes[0][-1], 1))) ** 0.5, dtype)
+    bounded = lambda x: jax.lax.clamp(-most, x.astype(dtype), most)  # noqa: E731
+    origin = jax.lax.stop_gradient(bounded(query[..., :1, :]))
     moved = []
     for sequence, count in ((query, lengths), (other, other_lengths)):
-        frames = sequence.astype(dtype) - origin
+        frames = bounded(sequence.astype(dtype) - origin)
         if count is not None:
             count = spread(count, sequence.shape[-2], sequence.shape[:-2])
             counts = jnp.arange(sequence.shape[-2]) < count[..., None]
@@ -116,6 +121,8 @@ def _known(x):
 
 
 def _check_gamma(gamma, batch):
+    if isinstance(gamma, str):
+        raise ConfigError(f"gamma is {gamma!r:.60}, but must be above 0")
     _check_spreads("gamma", gamma, batch)
     if _known(gamma):
         with jax.ensure_compile_time_eval():

@@ -10,8 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import checked
 
 
+@checked
 def kendall_tau(
     x: Float[Array, "T"] | Int[Array, "T"], length: Int[Array, ""] | int | None = None
 ) -> Float[Array, ""]:
@@ -23,7 +25,12 @@ def kendall_tau(
     Args:
       x: values in order of time; ties are allowed.
       length: how many of them count; all if left out.
+
+    Raises:
+      ShapeError: `x` has not one axis.
     """
+    if x.ndim != 1:
+        raise ShapeError(f"x has shape {x.shape}, but must be one value for each frame")
     frame = jnp.arange(x.shape[0])
     counted = frame[:, None] < frame
     if length is not None:
@@ -36,6 +43,7 @@ def kendall_tau(
     return jnp.sum(order) / jnp.where(untied > 0, denominator, 1.0)
 
 
+@checked
 def alignment_tau(
     query: Float[Array, "T D"],
     key: Float[Array, "S D"],
@@ -51,7 +59,12 @@ def alignment_tau(
       key: latents of the video they look in.
       query_length: frames of `query` that count; all if left out.
       key_length: the same for `key`.
+
+    Raises:
+      ShapeError: a video has not two axes.
     """
+    if query.ndim != 2 or key.ndim != 2:
+        raise ShapeError(f"query has shape {query.shape} and key {key.shape}; both must be (T, D)")
     distance = jnp.sum(jnp.square(key), axis=-1) - 2.0 * jnp.matmul(
         query, key.T, precision="highest"
     )
@@ -60,10 +73,12 @@ def alignment_tau(
     return kendall_tau(jnp.argmin(distance, axis=-1), query_length)
 
 
+@checked
 def mean_alignment_tau(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None
 ) -> Float[Array, ""]:
-    """Mean of `alignment_tau` over all ordered pairs of different videos; 0 for one video."""
+    """Mean of `alignment_tau` over all ordered pairs of different videos; 0 for one video. A
+    ShapeError unless the latents have three axes."""
     num_videos, length = len(latents), _lengths(latents, length)
 
     def from_query(query):  # one row of pairs at a time: memory grows with B T^2, not B^2 T^2
@@ -75,13 +90,16 @@ def mean_alignment_tau(
     return jnp.sum(jnp.where(others, taus, 0.0)) / max(num_videos * (num_videos - 1), 1)
 
 
+@checked
 def reward_time_tau(
     reward: Float[Array, "T"], length: Int[Array, ""] | int | None = None
 ) -> Float[Array, ""]:
-    """Kendall's tau-b between a reward trace and time: 1 if it rises with every frame."""
+    """Kendall's tau-b between a reward trace and time: 1 if it rises with every frame; a ShapeError
+    unless the trace has one axis."""
     return kendall_tau(reward, length)
 
 
+@checked
 def two_way_cycle_consistency(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None, *, tolerance: int = 1
 ) -> Float[Array, ""]:
@@ -136,6 +154,7 @@ def _lengths(latents, length) -> Int[Array, "B"]:
     return jnp.full(num_videos, num_frames) if length is None else length
 
 
+@checked
 def interquartile_mean(scores: Float[Array, "*shape"]) -> Float[Array, ""]:
     """Mean of the scores without the lowest and the highest quarter (Agarwal et al., NeurIPS 2021).
 
@@ -158,6 +177,7 @@ def interquartile_mean(scores: Float[Array, "*shape"]) -> Float[Array, ""]:
     return jnp.where(jnp.isnan(ordered[-1]), jnp.nan, middle)  # NaN is sorted last, and cut off
 
 
+@checked
 def interquartile_interval(
     key: PRNGKeyArray,
     scores: Float[Array, "R"] | Float[Array, "R K"],

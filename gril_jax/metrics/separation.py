@@ -12,6 +12,8 @@ from typing import Literal
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from gril_jax.types import checked
+
 Convention = Literal["natural", "resampled", "held"]
 CONVENTIONS: tuple[Convention, ...] = ("natural", "resampled", "held")
 
@@ -54,6 +56,7 @@ def ratio(total: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Array, "
     return positive / (jnp.sum(jnp.where(success, 0.0, cost)) / failed)
 
 
+@checked
 def success_auc(score: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Array, ""]:
     """Probability that a success scores higher than a failure; ties count half.
 
@@ -69,6 +72,7 @@ def success_auc(score: Float[Array, "B"], success: Bool[Array, "B"]) -> Float[Ar
     return jnp.sum(jnp.where(pairs, above, 0.0)) / jnp.sum(pairs).astype(above.dtype)
 
 
+@checked
 def stage_order(
     reward: Float[Array, "T"], stage: Int[Array, "T"], length: Int[Array, ""] | int | None = None
 ) -> Float[Array, ""]:

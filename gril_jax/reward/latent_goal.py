@@ -34,7 +34,7 @@ from gril_jax.encoders.ensemble import num_members, split, worst_distance
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
-from gril_jax.types import DemoBatch, SceneGraph
+from gril_jax.types import DemoBatch, SceneGraph, checked
 
 
 class RewardParams(NamedTuple):
@@ -46,6 +46,7 @@ class RewardParams(NamedTuple):
     alpha: Float[Array, ""]  # weight of an active node in the pooling (Eq. 3)
 
 
+@checked
 def latent_goal_reward(
     params: RewardParams,
     graph: SceneGraph | Float[Array, "*batch height width 3"],
@@ -66,6 +67,7 @@ def latent_goal_reward(
     return latent_reward(params, latent)
 
 
+@checked
 def latent_reward(
     params: RewardParams,
     latent: Float[Array, "*batch D"],
@@ -91,6 +93,7 @@ def latent_reward(
     return -jnp.min(worst_distance(latent[..., None, :] - goal, scale), axis=-1)
 
 
+@checked
 def from_latents(
     encoder_params: Params,
     first: Float[Array, "B D"],
@@ -151,6 +154,7 @@ def from_latents(
     return unscaled._replace(scale=each)
 
 
+@checked
 def from_demos(
     encoder_params: Params,
     demos: DemoBatch,
@@ -195,6 +199,7 @@ def _from_demos(encoder_params, demos, config, alpha, active, *, goals):
     return from_latents(encoder_params, first, last, alpha=alpha, goals=goals, ensemble_size=size)
 
 
+@checked
 def demo_latents(
     encoder_params: Params,
     demos: DemoBatch,

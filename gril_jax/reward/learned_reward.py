@@ -30,6 +30,7 @@ from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 from gril_jax.graphs.activity_rule import PAPER, ActivityRule
 from gril_jax.reward.latent_goal import RewardParams, latent_goal_reward
+from gril_jax.types import checked
 
 NOTHING_SEEN = -2.0
 """The reward where no object has a finite box: twice the distance at which demonstrations begin."""
@@ -92,6 +93,7 @@ class LearnedReward:
         """True for the objects of the usual scene that belong to the robot."""
         return jnp.array([name in self.robots for name in self.objects], bool)
 
+    @checked
     def for_objects(self, objects: Sequence[str]) -> "LearnedReward":
         """The same reward for another scene: the class of each of its objects, in order.
 
@@ -100,6 +102,7 @@ class LearnedReward:
         """
         return dataclasses.replace(self, objects=tuple(objects))
 
+    @checked
     def save(self, path: Any, *, overwrite: bool = False) -> None:
         """Writes the reward to a new file, which `gril_jax.load_reward` reads.
 
@@ -112,6 +115,7 @@ class LearnedReward:
 
         save_learned(path, self, overwrite=overwrite)
 
+    @checked
     def __call__(
         self,
         center: Float[Array, "..."],
@@ -158,6 +162,7 @@ class LearnedReward:
         nothing = jnp.any(lost & counts) & ~jnp.any(seen & counts)
         return jnp.where(nothing, NOTHING_SEEN, value)
 
+    @checked
     def of_frame(self, frame: Float[Array, "height width 3"]) -> Float[Array, ""]:
         """The reward of one picture, RGB in [0, 1], for a pixel encoder.
 
@@ -175,6 +180,7 @@ class LearnedReward:
             raise ShapeError(f"frame has shape {frame.shape}; it must be (height, width, 3).")
         return self._value(frame)
 
+    @checked
     def init(self, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Memory:
         """Memory of an episode's first frame: nothing has moved.
 
@@ -190,6 +196,7 @@ class LearnedReward:
         self._check(center, size)
         return Memory(self.activity.init(center), center, size)
 
+    @checked
     def step(
         self,
         memory: Memory,
@@ -222,10 +229,12 @@ class LearnedReward:
         memory = Memory(self.activity.step(memory.activity, center, size)[0], center, size)
         return memory, self.of_memory(memory, label=label, is_robot=is_robot, present=present)
 
+    @checked
     def of_memory(self, memory: Memory, **given: Any) -> Float[Array, ""]:
         """The reward of the last frame in a memory; `given` as for the reward of one state."""
         return self(memory.center, memory.size, memory.activity.active, **given)
 
+    @checked
     def trajectory(
         self,
         center: Float[ArrayLike, "T N 2"],

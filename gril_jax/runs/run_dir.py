@@ -233,6 +233,7 @@ def create(
       begun: phases that have finished before the run began, with what they came to.
     """
     require_new(path)
+    require_text(path)
     made_with = versions(device, command)
     if config.env.digest is not None:
         made_with["task_sha256"] = config.env.digest
@@ -267,6 +268,7 @@ def resume(path: Path) -> RunDir:
 def require_resumable(path: Path, experiment: str, *, demos: Path | None = None) -> RunConfig:
     """The configuration of a run that an experiment can resume, see `read_config`; a `RunError` if
     it is no run, has finished, is of another experiment, was changed, or is being written."""
+    require_text(path)
     config, phases = read_config(path, demos=demos), read_phases(path)
     if phases.experiment != experiment:
         made = f"by gril {phases.experiment}" if phases.experiment else "otherwise"
@@ -301,6 +303,17 @@ def create_or_resume(
         return resume(folder)
     out = Path(config.run.out) if config.run.out else default_path(config.run.seed)
     return create(out, config, device=device, experiment=experiment, begun=begun)
+
+
+def require_text(path: Path) -> None:
+    """Raises RunError if a folder's whole name is no text: no checkpoint could be written."""
+    try:
+        f"{path.absolute()}".encode()
+    except UnicodeEncodeError:
+        raise RunError(
+            f"{path.absolute()} is no text in UTF-8, but a run's folder must be: rename it, or "
+            "name another one with --out"
+        ) from None
 
 
 def require_new(path: Path) -> None:

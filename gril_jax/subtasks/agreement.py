@@ -21,6 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.errors import ConfigError
+from gril_jax.types import checked
 
 from .matching import SharedBoundaries, boundary_frames, shared_boundaries
 
@@ -29,6 +30,7 @@ MOST = 12  # boundaries of one demonstration, at most
 _SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
 
 
+@checked
 def transitions(
     reward: Float[Array, "T"],
     *,
@@ -87,6 +89,7 @@ def transitions(
     return jnp.zeros(num_frames, bool).at[boundaries].set(True, mode="drop")
 
 
+@checked
 def running_median(x: Float[Array, "T"], width: int) -> Float[Array, "T"]:
     """Centred median with the ends held: unlike a mean, it keeps a step where it is.
 
@@ -101,6 +104,7 @@ def running_median(x: Float[Array, "T"], width: int) -> Float[Array, "T"]:
     return jnp.median(windows, axis=0)
 
 
+@checked
 def agreed_boundaries(
     reward: Float[Array, "B T"],
     length: Int[Array, "B"],
@@ -199,6 +203,7 @@ def _alike(own: Int[Array, "B M"], shared: SharedBoundaries) -> Float[Array, ""]
     return 2 * jnp.sum(shared.found) / jnp.maximum(count, 1)
 
 
+@checked
 def agreed_stages(
     reward: Float[Array, "B T"],
     length: Int[Array, "B"],
@@ -235,6 +240,7 @@ def agreed_stages(
     return patiences[best], jax.tree.map(lambda x: x[best], each)
 
 
+@checked
 def each_alone(reward: Float[Array, "B T"], length: Int[Array, "B"], **rule) -> Int[Array, "B M"]:
     """Frames that `transitions` marks in each trace, padded with -1; the options are its own, and
     errors are those of `transitions`."""

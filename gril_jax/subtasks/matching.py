@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.errors import ConfigError, ShapeError
+from gril_jax.types import checked
 
 
 class SharedBoundaries(NamedTuple):
@@ -28,6 +29,7 @@ class SharedBoundaries(NamedTuple):
     level: Float[Array, "M"] | None = None  # mean reward at it, where it is one of reward traces
 
 
+@checked
 def boundary_frames(boundary: Bool[Array, "T"], size: int) -> Int[Array, "M"]:
     """The first `size` marked frames, padded with -1.
 
@@ -37,6 +39,7 @@ def boundary_frames(boundary: Bool[Array, "T"], size: int) -> Int[Array, "M"]:
     return jnp.nonzero(boundary, size=size, fill_value=-1)[0]
 
 
+@checked
 def match_within(
     found: Int[Array, "M"], true: Int[Array, "N"], *, tolerance: int = 5
 ) -> Int[Array, "M"]:
@@ -57,6 +60,7 @@ def match_within(
     return match_in_order(jnp.where(near, worth - distance, 0.0))
 
 
+@checked
 def match_in_order(gain: Float[Array, "M N"]) -> Int[Array, "M"]:
     """The one-to-one matching of rows with columns, in order, with the largest total gain.
 
@@ -92,6 +96,7 @@ def match_in_order(gain: Float[Array, "M N"]) -> Int[Array, "M"]:
     return match.astype(jnp.int32)
 
 
+@checked
 def place_in_order(
     cost: Float[Array, "M T"],
     kept: Bool[Array, "M"] | None = None,
@@ -137,6 +142,7 @@ def place_in_order(
     return jnp.where(kept, placed, -1).astype(jnp.int32)
 
 
+@checked
 def shared_boundaries(
     features: Float[Array, "B T D"],
     found: Int[Array, "B M"],

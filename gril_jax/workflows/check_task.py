@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from gril_jax.envs import registry
-from gril_jax.envs.user_tasks import protocol
+from gril_jax.envs.user_tasks import episodes
 from gril_jax.errors import ConfigError
 
 
@@ -22,7 +22,7 @@ def main(name: str, options: Mapping[str, Any], *, echo: Callable[[str], None] =
         f"actions, {env.observation_size} observations, at most {env.episode_length} steps"
     )
     missing = 0
-    for found in protocol.findings(env):
+    for found in episodes.findings(env):
         verdict = "ok" if found.holds else "MISSING" if found.needed else "look"
         missing += not found.holds and found.needed
         echo(f"{found.name:<16}  {verdict:<8}  {found.said}")

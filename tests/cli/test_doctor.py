@@ -1,5 +1,6 @@
 """The doctor: every check is a row, whatever the process that it runs in does."""
 
+from gril_jax.cli import heavy_imports, main
 from gril_jax.cli.verbs import machine
 from gril_jax.cli.verbs.machine import Check, probe, table
 
@@ -60,3 +61,21 @@ def test_a_missing_package_is_broken(monkeypatch):
     monkeypatch.setattr(machine, "probe", lambda name, *_, **__: Check(name, True, True, ""))
     rows = machine.check_all()
     assert Check("jraph", False, True, "missing") in rows
+
+
+def test_a_backend_that_mujoco_cannot_be_imported_with_is_said(monkeypatch, tmp_path, capsys):
+    def fails(name, *_):
+        raise AttributeError("'NoneType' object has no attribute 'glGetError'")
+
+    def broken(name, *_, needed=True, **__):
+        return Check(name, not name.startswith("MUJOCO"), needed, "AttributeError: glGetError")
+
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    monkeypatch.setattr(machine, "probe", broken)
+    rows = {row.name: row for row in machine.check_all()}
+    assert rows["MUJOCO_GL"].detail.startswith("MUJOCO_GL is 'osmesa', but MuJoCo cannot")
+    for name in ("egl", "osmesa", "glfw"):
+        assert rows[f"MUJOCO_GL={name}"].detail.startswith("nothing renders with")
+    monkeypatch.setattr(heavy_imports, "import_module", fails)
+    assert main.main(["demo", "--out", str(tmp_path / "film.mp4")]) == 2
+    assert "gril: MUJOCO_GL is 'osmesa', but MuJoCo cannot" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from gril_jax.envs.user_tasks import files
-from support import own_task
+from support import own_task, task_mistakes
 from support.paths import REPOSITORY
 
 from gril_jax.cli import main
@@ -160,7 +160,7 @@ CHANGES = [
     (('"hand", "puck")', '"hand", "disc")'), "its classes are hand, mat, puck, but those of"),
     (("== 1)", "== 2)"), "the robot is hand there, but puck in my_task"),
     (("puck - 0.1, puck])", "puck - 0.1])"), "objects.size has the shape"),
-    (("jnp.clip(state.data", "puck if action[0] > 0 else (state.data"), "step cannot be compiled"),
+    (("jnp.clip(state.data", "puck if action[0] > 0 else (state.data"), "step fails as JAX"),
     (("center = jnp", "puck = puck * jnp.nan\n        center = jnp"), "NaN or infinity in"),
     (("episode_length = 2, 8", "episode_length, half_extent = 2, 8, 2.0"), "in the same unit"),
 ]  # fmt: skip
@@ -246,3 +246,18 @@ def test_a_foreign_project_is_learned_from_its_films_alone(folder, name, stem):
     assert done.returncode == 0, done.stderr
     rate = re.search(r"deterministic actions: ([\d.]+)% of 256 starts", done.stdout)
     assert float(rate[1]) >= 90
+
+
+_ALL = task_mistakes.MISTAKES | task_mistakes.KEPT_ASIDE
+
+
+@pytest.mark.parametrize("kind", _ALL)
+def test_a_mistake_in_a_task_is_one_sentence(tmp_path, capfd, kind):
+    *change, words = _ALL[kind]
+    path = own_task.write(tmp_path, change=change)
+    code = main.main(["check-task", f"{path}:make"])
+    out, err = capfd.readouterr()
+    assert code in (1, 2)
+    assert "Traceback" not in out + err
+    wrong = [line for line in (out + err).splitlines() if "MISSING" in line or "gril: " in line]
+    assert any(words in line for line in wrong)

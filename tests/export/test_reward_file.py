@@ -194,7 +194,11 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
         ({"encoder": {"kind": "mlp", "num_classes": 4, "width": 1.5}}, ConfigError, "1.5"),
         ({"encoder": {"kind": "mlp", "num_classes": -4}}, ConfigError, "at least 1"),
         ({"encoder": dataclasses.asdict(PAPER) | {"kind": "paper", "width": 9}}, ShapeError, "9"),
-        ({"classes": "four"}, ConfigError, "classes is 'four'; it must be a list of names"),
+        (
+            {"classes": "four"},
+            ConfigError,
+            "classes is 'four'; it must be a list of printable names",
+        ),
         ({"activity": {"window": 10.5}}, ConfigError, "activity.window is 10.5; it must be int"),
         ({"activity": {"tau": 10**40}}, ConfigError, "activity.tau is 1.*at most"),
         ({"encoder": {"kind": "paper", "rounds": 10**9}}, ConfigError, "rounds.*at most 100"),

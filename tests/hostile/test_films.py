@@ -20,6 +20,7 @@ from support.hostile import (
 )
 
 from gril_jax.demos.vision import video
+from gril_jax.errors import printable
 
 ONE = (16, 16)
 
@@ -100,6 +101,7 @@ def test_a_film_that_would_fill_the_memory_is_refused(home, capsys, monkeypatch)
 NAMES = {
     "spaces": "my first video",
     "a newline": "one\ntwo",
+    "what a terminal obeys": "\x1b[31mred",
     "other scripts": "фильм 映画 🎬",
     "markup": "<script>alert(1)<script>",
     "a shell": "$(touch run) ; touch run",
@@ -124,7 +126,7 @@ def test_a_film_may_have_any_name(home, capsys, kind):
     after = {k: v for k, v in contents(home).items() if k.split(b"/")[0] != b"new"}
     assert after == before
     header = json.loads((home / "new" / "demos.json").read_text())
-    assert [entry["name"] for entry in header["demos"]] == [NAMES[kind]]
+    assert [entry["name"] for entry in header["demos"]] == [printable(NAMES[kind])]
     assert sorted(os.listdir(home / "new")) == [*SET, "import.png", "import.txt"]
 
 

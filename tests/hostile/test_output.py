@@ -88,3 +88,11 @@ def test_an_input_of_an_impossible_name_is_refused(home, capsys, verb):
     more = {"export": ["--out", "r.npz"]}
     more["demos import-videos"] = ["--out", "new", "--half-extent", "1"]
     refused(home, [*verb.split(), "n" * 5000, *more.get(verb, [])], "too long", capsys)
+
+
+def test_a_run_in_a_folder_whose_name_is_no_text_is_refused_before_work(home, capsys):
+    odd = os.fsdecode(b"caf\xe9")
+    argv = ["pretrain", "--task", "none", "--demos", "set", "--out", f"{odd}/run"]
+    refused(home, argv, "caf\\udce9/run is no text in UTF-8, but a run's folder must be", capsys)
+    argv = ["check-task", f"{odd}/task.py:make"]
+    refused(home, argv, "caf\\udce9/task.py:make' has letters that cannot be printed", capsys)

@@ -92,7 +92,7 @@ def test_profiles_that_unpack_to_gigabytes_are_refused(home, capsys):
 
 
 def test_names_that_are_formulas_markup_or_long_are_drawn_as_text(home, capsys):
-    names = ("$\\frac{$", "<img src=x onerror=alert(1)>" * 40, "a\nb\x1b[31m\0")
+    names = ("$\\frac{$", "<img src=x onerror=alert(1)>" * 40, "=1+1")
     run = save_run(home / "odd", names=names, pretrain=1, ppo=0)
     for place in (".report.html.part", "report.html"):
         (run / place).symlink_to(home / "letter.txt")
@@ -149,7 +149,10 @@ SETS = {
     "a path upwards": (in_entry(video="../../x.mp4"), "plain file name"),
     "a whole path": (in_entry(tracks="/etc/passwd"), "plain file name"),
     "two dots": (in_entry(video=".."), "'..'"),
-    "a NUL": (in_entry(video="a\0.mp4"), "plain file name"),
+    "a NUL": (in_entry(video="a\0.mp4"), "video must be text in printable letters"),
+    "a line end in a name": (in_entry(name="a\nb"), "name must be text in printable letters"),
+    "escapes in a class": (in_header(classes=["\x1b[31ma"]), "classes must be text in printable"),
+    "escapes in a unit": (in_header(unit="\x1b]0;m\x07"), "unit must be text in printable letters"),
     "a long name": (in_entry(video="n" * 5000), "plain file name"),
     "half a letter": (in_entry(name="\ud800"), "text"),
     "half a letter in a class": (in_header(classes=["\udfff"]), "text"),

@@ -239,3 +239,13 @@ def test_the_divergence_of_padded_sequences_equals_that_of_short_ones():
     query, other = random_cost(2, 6, 3), random_cost(2, 6, 3, seed=1)
     padded = jax.jit(soft_dtw_divergence)(query, other, jnp.array([4, 6]), 5)
     assert_close(padded[0], jax.jit(soft_dtw_divergence)(query[0, :4], other[0, :5]))
+
+
+@pytest.mark.parametrize("size", [1e18, 1e20, 1e30, 3e38, np.inf])
+def test_features_of_any_size_have_a_finite_value_and_gradient(size):
+    x, y = (jax.random.normal(jax.random.key(seed), (6, 3)) for seed in (0, 1))
+    for loss in (soft_dtw_between, soft_dtw_divergence):
+        for other in (y, y * size, x * size):
+            value, slope = jax.value_and_grad(loss)(x * size, other)
+            assert np.isfinite(value)
+            assert np.isfinite(slope).all()

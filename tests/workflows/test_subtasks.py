@@ -290,9 +290,13 @@ def test_a_segment_has_the_frames_and_seconds_of_the_video_that_was_imported():
 
 def test_segments_can_be_cut_into_videos(tmp_path):
     demos = _saved(tmp_path / "set")
-    found = {"d0": {"segments": [(0, 10), (10, 29)]}, "d1": {"segments": [(0, 12), (12, 39)]}}
+    names = "a/d", "a_d"  # which are two
+    demos = replace(demos, demos=tuple(map(lambda d, n: replace(d, name=n), demos, names)))
+    found = {"a/d": {"segments": [(0, 10), (10, 29)]}, "a_d": {"segments": [(0, 12), (12, 39)]}}
     with Progress(stream=io.StringIO()) as progress:
         stage_ends.write_videos(tmp_path / "videos", found, demos, progress)
     films = sorted((tmp_path / "videos").iterdir())
-    assert [film.name for film in films] == ["d0-1.mp4", "d0-2.mp4", "d1-1.mp4", "d1-2.mp4"]
+    assert [film.name for film in films] == [
+        "a%2Fd-1.mp4", "a%2Fd-2.mp4", "a_d-1.mp4", "a_d-2.mp4"
+    ]  # fmt: skip
     assert [len(read_video(film)) for film in films] == [11, 20, 13, 28]

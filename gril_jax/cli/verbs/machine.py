@@ -20,7 +20,7 @@ from gril_jax.config.tables import count, optional
 from gril_jax.runs.reading import package_versions
 
 from ..arguments import Work, echo
-from ..heavy_imports import heavy_imports
+from ..heavy_imports import GL_FAULT, heavy_imports
 from . import Verb, simple
 
 # --- the doctor
@@ -89,6 +89,13 @@ print('libx264 encodes')
 """
 
 
+_LACKS = {
+    "egl": "nothing renders with EGL: install libegl1",
+    "osmesa": "nothing renders with OSMesa: install libosmesa6",
+    "glfw": "nothing renders with GLFW, which needs a display",
+}
+
+
 class Check(NamedTuple):
     """One row of the table."""
 
@@ -109,11 +116,16 @@ def check_all(*, timeout_s: int | float = 120.0) -> list[Check]:
     for name, version in package_versions().items():
         rows.append(Check(name, version != "missing", True, version))
     needed = {"jax devices": _DEVICES, "jax compiles": _JIT, "mjx": _MJX}
-    rows += [probe(name, code, timeout_s=timeout_s) for name, code in needed.items()]
-    rows += [
-        probe(f"MUJOCO_GL={backend}", _GL, needed=False, timeout_s=timeout_s, gl_backend=backend)
-        for backend in ("egl", "osmesa", "glfw")
-    ]
+    rows += [probe(name, code, timeout_s=timeout_s, gl_backend="") for name, code in needed.items()]
+    if chosen := os.environ.get("MUJOCO_GL"):
+        one = probe("MUJOCO_GL", "import mujoco; print('can be used')", timeout_s=timeout_s)
+        said = one.detail if one.works else GL_FAULT.format(value=chosen)
+        rows.append(one._replace(detail=said))
+    for backend, lacks in _LACKS.items():
+        one = probe(
+            f"MUJOCO_GL={backend}", _GL, needed=False, timeout_s=timeout_s, gl_backend=backend
+        )
+        rows.append(one if one.works else one._replace(detail=f"{lacks} ({one.detail:.60})"))
     return [*rows, probe("video", _X264, needed=False, timeout_s=timeout_s)]
 
 
@@ -129,7 +141,7 @@ def probe(
     environment = dict(os.environ)
     if gl_backend is not None:
         environment |= {"MUJOCO_GL": gl_backend, "PYOPENGL_PLATFORM": gl_backend}
-        if gl_backend == "glfw":
+        if gl_backend in ("glfw", ""):  # "" is MuJoCo's own choice
             del environment["PYOPENGL_PLATFORM"]
     try:
         done = subprocess.run(

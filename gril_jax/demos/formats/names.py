@@ -10,10 +10,10 @@ from typing import Any
 from urllib.parse import unquote
 
 from gril_jax.demos.folders import composed
-from gril_jax.errors import DemoError
+from gril_jax.errors import DemoError, is_printable
 
 _LONGEST = 60  # letters of a class name
-_JOINERS = "\u200c\u200d"  # which Persian, Hindi and others spell with; they show nothing
+_JOINERS = "\u200c\u200d"  # which show nothing
 _UPLOAD = re.compile(r"[0-9a-f]{8}-")  # what Label Studio puts before an uploaded file's name
 
 
@@ -21,8 +21,7 @@ def class_name(value: Any, where: str) -> str:
     """A class name: printable text without spaces around it; joiners may stand inside a word."""
     name = composed(" ".join(value.split())) if isinstance(value, str) else ""
     name = name.strip(_JOINERS)
-    shown = name.translate(dict.fromkeys(map(ord, _JOINERS)))
-    if not shown or len(name) > _LONGEST or not shown.isprintable():
+    if not name or len(name) > _LONGEST or not is_printable(name):
         raise DemoError(
             f"{where}: a class must be a name of up to {_LONGEST} printable letters, not "
             f"{value!r:.60}."

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, NamedTuple
 
-from gril_jax.errors import DemoError
+from gril_jax.errors import DemoError, printable
 
 from .names import class_name, composed
 
@@ -43,8 +43,8 @@ class Film(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name of the video."""
-        return composed(self.path.stem if self.title is None else self.title)
+        """The name of the video, in printable letters."""
+        return printable(composed(self.path.stem if self.title is None else self.title))
 
     @property
     def fps(self) -> float:
@@ -116,7 +116,7 @@ def identity(value: Any) -> str | None:
     >>> [identity(value) for value in (3, "3.00", "a7", -1, "-1.0", "", "nan", None)]
     ['3', '3', 'a7', None, None, None, None, None]
     """
-    text = "" if value is None else str(value).strip()
+    text = "" if value is None else printable(str(value).strip())
     if text.lower() in ("", "nan", "none", "null"):
         return None
     if not is_number(text):

@@ -121,7 +121,7 @@ def _require_columns(head: _Head, path: Path) -> None:
 def _cells(row: list[str], head: _Head, where: str) -> dict[str, str]:
     """The cells of our columns in a row, which may have empty cells too many at its end."""
     while len(row) > len(head.names) and not row[-1].strip():
-        row = row[:-1]
+        row.pop()
     if len(row) != len(head.names):
         raise DemoError(
             f"{where}: {len(row)} cells where {len(head.names)} are needed "

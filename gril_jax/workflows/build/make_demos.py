@@ -23,6 +23,7 @@ from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.importing import import_videos
 from gril_jax.demos.vision import video
 from gril_jax.envs.base import Demonstrations, Env, Episode, ExpertError, Film, Wanted
+from gril_jax.envs.user_tasks import episodes as own_episodes
 from gril_jax.envs.user_tasks import protocol
 from gril_jax.errors import DemoError
 from gril_jax.runs.progress import Progress
@@ -149,7 +150,7 @@ def played_by_own_expert(
     env = make()
     if env.expert is None:
         raise ExpertError("the task has no `expert`, a function (state, key) -> action")
-    episodes, good, bad = jax.jit(protocol.play(env, env.expert)), [], []
+    episodes, good, bad = jax.jit(own_episodes.play(env, env.expert)), [], []
     key, each = jax.random.key(wanted.seed), wanted.successes + wanted.failures
     for turn in range(_ROUNDS):
         states = jax.device_get(episodes(jax.random.split(jax.random.fold_in(key, turn), each)))

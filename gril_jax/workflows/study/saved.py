@@ -141,7 +141,9 @@ def row_files(folder: Path, names: Sequence[str]) -> dict[str, Path]:
     for place, name in enumerate(names):
         stem = re.sub(r"[^\w.+-]+", "-", name).strip("-.")[:80] or "row"
         file = root(folder) / "rows" / f"{stem}.yaml"
-        found[name] = file.with_stem(f"{stem}-{place}") if file in found.values() else file
+        while file in found.values():
+            file = file.with_stem(f"{file.stem}-{place}")
+        found[name] = file
     return found
 
 

@@ -20,6 +20,7 @@ from gril_jax.demos.files import write_demo_set
 from gril_jax.demos.vision.video import write_video
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
+from gril_jax.safe_files import file_name
 from gril_jax.subtasks.matching import match_within
 
 _LEAST = 2  # frames of a demonstration
@@ -163,7 +164,7 @@ def write_videos(
     for done, (name, one) in enumerate(demos.items(), 1):
         frames = demo_set[name].frames
         for number, (first, last) in enumerate(one["segments"], 1):
-            file = folder / f"{name.replace('/', '_')}-{number}.mp4"
+            file = folder / f"{file_name(name)}-{number}.mp4"
             write_video(file, frames[first : last + 1], demo_set.fps)
         phase.update(done)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
-from gril_jax.safe_files import read_object
+from gril_jax.safe_files import file_name, read_object
 
 
 @contextlib.contextmanager
@@ -61,4 +61,4 @@ def _earlier(out: Path) -> tuple[dict[str, Any], list[str]]:
         segments = {name: [[*map(int, s)] for s in one["segments"]] for name, one in demos.items()}
     except (FileNotFoundError, RunError, LookupError, TypeError, AttributeError, ValueError):
         return {}, []
-    return segments, [name.replace("/", "_") for name in segments]
+    return segments, [*map(file_name, segments)]

@@ -39,7 +39,7 @@ from gril_jax.runs import places, run_dir
 from gril_jax.runs.json_lines import plain
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.reading import require_same_demos
-from gril_jax.safe_files import write_whole
+from gril_jax.safe_files import file_name, write_whole
 from gril_jax.subtasks import agreement
 
 from ..build import demonstrations, learners, policy_setup, setup, vocabulary
@@ -118,7 +118,7 @@ def _write(
         demo, own = traces.demos[i], traces.reward[i, : traces.length[i]]
         look = {"stages": demo.stages, "name": demo.name, "fps": fps}
         picture = png(stages_figure(own, np.array(found[demo.name]["ends"]), demo.frames, **look))
-        (out / f"{demo.name.replace('/', '_')}.png").write_bytes(picture)
+        (out / f"{file_name(demo.name)}.png").write_bytes(picture)
         phase.update(count)
     if options.videos:
         write_videos(out / "videos", found, demo_set, progress)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from gril_jax.envs import of_brax, of_gymnax, of_jumanji
 from gril_jax.envs.user_tasks import adapters
-from gril_jax.envs.user_tasks.protocol import completed, findings
+from gril_jax.envs.user_tasks.episodes import findings
+from gril_jax.envs.user_tasks.protocol import completed
 from gril_jax.experiments.examples import brax_wrapper, pushing
 
 SCENE = {

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs import registry
-from gril_jax.envs.user_tasks import protocol
+from gril_jax.envs.user_tasks import episodes
 from support import own_task
 
 from gril_jax import envs
@@ -48,7 +48,7 @@ _SEEN = "seen = Objects(center, jnp.full((3, 2), 0.2), jnp.arange(3), jnp.arange
     [
         ('classes = ("mat", "hand", "puck")', "", "has no `classes`"),
         ('classes = ("mat", "hand", "puck")', 'classes = "mat"', "classes is 'mat', but must be a"),
-        ('"hand", "puck")', '"mat")', "must be a tuple of different names"),
+        ('"hand", "puck")', '"mat")', "must be a tuple of different, printable names"),
         ("    def step(", "    def stepp(", "has no `step`"),
         ("action_size, episode_length = 2, 8", "action_size = 0", "action_size is 0, but must be"),
         ("episode_length = 2, 8", "episode_length = 2, 0.5", "episode_length is 0.5"),
@@ -61,7 +61,7 @@ _SEEN = "seen = Objects(center, jnp.full((3, 2), 0.2), jnp.arange(3), jnp.arange
         (_SEEN, _SEEN.replace("0.2)", "0.0)"), "objects.size must be above 0"),
         ("State(puck, puck,", "State(puck, puck[0],", "but must be a vector"),
         ('{"success"', '{"succes"', "metrics has no 'success'"),
-        ("jnp.clip(state.data", "puck if action[0] > 0 else (state.data", "step cannot be"),
+        ("jnp.clip(state.data", "puck if action[0] > 0 else (state.data", "step fails as JAX"),
         ("center = jnp", "puck = jnp.log(puck - 2)\n        center = jnp", "NaN or infinity in"),
         ("0.2 * action, -0.9, 0.9)", "jnp.log(action - 1), -0.9, jnp.nan)", "step gives a"),
         ("jnp.clip(state.data + 0.2 * action, -0.9, 0.9)", "state.data[:1]", "step"),
@@ -88,7 +88,7 @@ def test_options_are_those_of_the_function(tmp_path):
 
 
 def _found(env):
-    return {finding.name: finding for finding in protocol.findings(env)}
+    return {finding.name: finding for finding in episodes.findings(env)}
 
 
 def test_a_task_that_keeps_the_contract_lacks_nothing(tmp_path):
