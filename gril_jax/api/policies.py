@@ -20,7 +20,7 @@ from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows import export_reward
 from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
-from gril_jax.workflows.learning import encoders, policies
+from gril_jax.workflows.learning import diverged, encoders, policies
 
 from . import settings
 from .trained_policy import Rates, TrainedPolicy
@@ -54,6 +54,7 @@ def train_policy(
 
     Raises:
       ConfigError: an option is unknown or out of range, or the reward does not fit the task.
+      RunError: a reward is not finite, or a policy diverged.
 
     Example:
       policy = train_policy("match_regions", reward, seeds=5)
@@ -97,8 +98,10 @@ def train_policy(
             return line
 
         trained = policies.train(
-            program, params, plan, config, name=config.run.algorithm, run=run, echo=print, row=row
-        )
+            program, params, plan, config, name=config.run.algorithm, run=run, echo=print, row=row,
+            tick=lambda steps: phase.update(steps * seeds),
+        )  # fmt: skip
+        diverged.require_all(trained.diverged, config.run.seed)
         curves = _curves(run.metrics())
     policy = jax.device_get(trained.policy)
     return TrainedPolicy(config, env, algorithm, policy, params, curves)

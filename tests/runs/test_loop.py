@@ -45,11 +45,21 @@ def _advance(state):
     return Walk(place, key, state.steps + 1), {"mean": place.mean()}
 
 
+def in_calls(step=_advance):
+    """What the loop calls: each chunk is a single call."""
+
+    def advance(state, chunk, made):
+        state, metrics = step(state)
+        return state, 1, jax.device_get(metrics)
+
+    return advance
+
+
 def _row(done, seconds, metrics):
     return {"step": done, "mean": metrics["mean"]}
 
 
-def _train(path, chunks=12, advance=_advance, row=_row, every_s=0, **more):
+def _train(path, chunks=12, advance=None, row=_row, every_s=0, **more):
     """The whole of a phase, in a new folder or in one that was left; (trained, sentences)."""
     told = []
     opened = run_dir.resume(path) if path.exists() else run_dir.create(
@@ -58,7 +68,7 @@ def _train(path, chunks=12, advance=_advance, row=_row, every_s=0, **more):
     with opened as run:
         begun = loop.restore(run, "walk", _fresh(), tell=told.append)
         options = {"run": run, "name": "walk", "chunks": chunks, "every_s": every_s, "keep": 3}
-        return loop.run_chunks(advance, begun, row=row, **(options | more)), told
+        return loop.run_chunks(advance or in_calls(), begun, row=row, **(options | more)), told
 
 
 def _rows(path):

@@ -9,7 +9,7 @@ is cut off leaves what it has.
 import contextlib
 import dataclasses
 import io
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -143,8 +143,17 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
         if hosts.is_first():
             summary.write(run.path, last=False)
 
+    first_seed = plan.config.run.seed
+    for program in programs:  # those that have finished: what diverged in them did so for good
+        done = run.finished_phase(program.name) or {}
+        _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)
+
     def learn(one) -> None:
-        learned.update(study_rewards.learn(one, run, progress, echo))
+        found = study_rewards.learn(one, run, progress, echo)
+        learned.update(found)
+        lost = [found[reward_key(row.config)].diverged for row in one.rows]
+        said = {i: sentence for i, sentence in enumerate(lost) if sentence}
+        _note_seeds(failed, one.rows, said, first_seed)
 
     def train(program) -> None:
         shown = lambda config: gather(config).batch("train")  # noqa: E731
@@ -153,6 +162,7 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
         if program.name in played:
             variants.finish(played[program.name].result(), program, plan, run)
         run.finish_phase(program.name, done, saved_files)
+        _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)
         written()
 
     with ahead.compiling() as pool:
@@ -230,6 +240,15 @@ def _note(failed: dict[int, str], rows: Iterable[Row], error: Exception) -> None
         first = f"{type(error).__name__}: {first}"[:300]
     for row in rows:
         failed.setdefault(row.cell, first)
+
+
+def _note_seeds(
+    failed: dict[int, str], rows: Sequence[Row], sentences: Mapping[Any, str], first_seed: int
+) -> None:
+    """Notes the seeds that diverged, by their place among rows; the others of a row have not."""
+    for place, said in sentences.items():
+        row = rows[int(place)]
+        failed.setdefault(row.cell, f"seed {first_seed + row.seed}: {said}")
 
 
 def _with_demonstrations(rows: list[Row], gather: Gather, failed: dict[int, str]) -> list[Row]:

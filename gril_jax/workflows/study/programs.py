@@ -200,8 +200,10 @@ def learn_policies(
         return _by_start(where, scores)
 
     done = policies.train(
-        ready, params, plan, configs[0], name=program.name, run=run, echo=echo, row=row
-    )
+        ready, params, plan, configs[0], name=program.name, run=run, echo=echo, row=row,
+        tick=lambda steps: phase.update(steps * len(rows)),
+        wrong={i: one.diverged for i, one in enumerate(learned) if one and one.diverged},
+    )  # fmt: skip
     trained = hosts.gathered(done.policy)
     saved = run.save_part(f"policies/{program.name}", done.env_steps, trained)
     results = {
@@ -209,6 +211,8 @@ def learn_policies(
         "taus": [found and found.tau for found in learned],
         "starts": {variant: found._asdict() for variant, found in starts(program).items()},
     }
+    if done.diverged:  # by the place of the policy
+        results["diverged"] = {str(place): said for place, said in sorted(done.diverged.items())}
     return results, saved
 
 

@@ -120,7 +120,8 @@ def _trained(folder, out, *, cut=None):
     )  # fmt: skip
     with opened as run:
         return policies.train(
-            program, (), plan, config, name="ppo", run=run, echo=print, row=row
+            program, (), plan, config, name="ppo", run=run, echo=print, row=row,
+            tick=lambda steps: None,
         )  # fmt: skip
 
 
