@@ -75,7 +75,11 @@ def train_policy(
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     plan = policies.plan_of(config, algorithm)
     tasks = policies.tasks_to_evaluate(config, algorithm)
-    with ahead.compiling() as pool:
+    with (
+        ahead.compiling() as pool,
+        MemoryRun() as run,
+        Progress(shown=progress) as shown,
+    ):
         ready = pool.submit(policies.compiled_for, configs, algorithm, jax.devices(), tasks, plan)
         params = encoders.stack(
             [
@@ -83,12 +87,11 @@ def train_policy(
                 for one in rewards
             ]
         )
-        program = ready.result()
-    what = "learning the policy" if seeds == 1 else f"learning {seeds} policies"
-    with MemoryRun() as run, Progress(shown=progress) as shown:
+        what = "learning the policy" if seeds == 1 else f"learning {seeds} policies"
         total = plan.updates * plan.steps * seeds
         early = plan.least is not None
         phase = shown.phase(what, total=total, unit="env steps", at_most=early)
+        program = ready.result()  # the phase shows that it compiles
 
         def row(done: int, found: Any) -> dict[str, Any]:
             line = policies.metrics_of(plan, done, found)

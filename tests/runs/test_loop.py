@@ -110,6 +110,41 @@ def test_a_signal_saves_and_leaves_after_its_chunk_and_the_run_goes_on(whole, tm
     assert _rows(tmp_path / "run") == _rows(whole[0])
 
 
+def _in_parts(asked):
+    """Chunks of three moves, of which a call makes one; before a call, `asked` sees where it is."""
+
+    def advance(state, chunk, made):
+        asked(chunk, made)
+        if made < 2:  # the state waits for the last one, but says that it has come so far
+            return state._replace(steps=state.steps + 1), made + 1, None
+        state, metrics = _advance(state._replace(steps=state.steps - 2))
+        return state, 3, jax.device_get(metrics)
+
+    return advance
+
+
+def test_signals_between_the_calls_of_a_chunk_change_no_bit(whole, tmp_path):
+    draw, path = random.Random(0), tmp_path / "run"
+    moments = sorted(draw.sample([(n, m) for n in range(12) for m in range(3)], 8))
+    seen = []
+
+    def asked(chunk, made):
+        seen.append((chunk, made))
+        if (chunk, made) in moments:
+            moments.remove((chunk, made))
+            signal.raise_signal(signal.SIGTERM)
+
+    more = {"advance": _in_parts(asked), "start": lambda chunk: 3 * chunk, "every_s": 1e9}
+    while moments:
+        with pytest.raises(Interrupted, match="the run is saved after"):
+            _train(path, **more)
+    trained, told = _train(path, **more)
+    assert (digest(trained.state), told, trained.chunks) == (whole[1], [], 12)
+    assert _rows(path) == _rows(whole[0])
+    assert seen == sorted(set(seen)), "a call that was saved is not made again"
+    assert checkpoint.steps(path / "checkpoints" / "walk") == [36]
+
+
 def test_rows_after_the_checkpoint_are_cut_and_seconds_go_on(whole, tmp_path):
     path = tmp_path / "run"
     shutil.copytree(whole[0], path)

@@ -144,8 +144,8 @@ def train(
     """
     config, updates, pace = configs[0], programs.updates, Pace()
     data, hyper = programs.data, programs.hyper
+    phase = progress.phase(what, total=config.pretrain.steps)  # first it compiles
     fresh, step = programs.init.result()(programs.keys, data), programs.step.result()
-    phase = progress.phase(what, total=config.pretrain.steps)
 
     def lost(bad: Any) -> dict[int, str]:
         found = diverged.faults(bad, fresh[1]._fields)

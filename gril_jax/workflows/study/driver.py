@@ -69,6 +69,7 @@ def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], 
     """Ends a run: without results.json where rows failed, so that --resume tries these again."""
     if failed or run.finished_phase(FAILED):
         run.finish_phase(FAILED, {str(cell): said for cell, said in failed.items()})
+    echo("writing table, figure and page")
     found = summary.write(run.path, last=run.path == saved.root(run.path))
     if not failed:
         run.finish(counts)
@@ -157,10 +158,13 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
 
     def train(program) -> None:
         shown = lambda config: gather(config).batch("train")  # noqa: E731
-        compiled = ready.pop(program.name).result()  # which is kept while it trains
+        compiled = ready.pop(program.name)  # which is kept while it trains
         done, saved_files = learn_policies(program, compiled, learned, shown, run, progress, echo)
         if program.name in played:
+            count = len(program.rows)
+            phase = progress.phase("playing all variants", total=count, unit="policies")
             variants.finish(played[program.name].result(), program, plan, run)
+            phase.update(count)
         run.finish_phase(program.name, done, saved_files)
         _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)
         written()
