@@ -101,7 +101,7 @@ def train_policy(
             return line
 
         trained = policies.train(
-            program, params, plan, config, name=config.run.algorithm, run=run, echo=print, row=row,
+            program, params, plan, configs, name=config.run.algorithm, run=run, echo=print, row=row,
             tick=lambda steps: phase.update(steps * seeds),
         )  # fmt: skip
         diverged.require_all(trained.diverged, config.run.seed)

@@ -83,7 +83,7 @@ def step(
         (total, aux), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         params, moments = updated(ADAM, state, gradient, hyper)
         params = {**params, "statistics": aux[1]}
-        values = Metrics(total, aux[0], optax.global_norm(gradient))
+        values = Metrics(total, aux[0], optax.tree.norm(gradient))
         return TrainState(params, moments, key, state.num_updates + 1), values
 
     return repeated(update, state, config.updates, part)

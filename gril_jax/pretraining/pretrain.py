@@ -196,7 +196,7 @@ def step(
 
         (total, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         params, moments = updated(_OPTIMIZER, state, gradient, hyper)
-        values = Metrics(total, *parts, optax.global_norm(gradient))
+        values = Metrics(total, *parts, optax.tree.norm(gradient))
         return TrainState(params, moments, key, state.num_updates + 1), values
 
     return repeated(update, state, config.updates, part)

@@ -206,7 +206,7 @@ def _learn_policy(
         return line
 
     trained = policies.train(
-        program, params, plan, config, name=name, run=run.dir, echo=run.echo, row=row,
+        program, params, plan, [config], name=name, run=run.dir, echo=run.echo, row=row,
         tick=lambda steps: phase.update(steps),
     )  # fmt: skip
     policy, state = jax.tree.map(lambda x: x[0], (trained.policy, trained.state))

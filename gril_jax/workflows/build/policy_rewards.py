@@ -56,7 +56,7 @@ def parameters(
     if not all(np.isfinite(x).all() for x in jax.tree.leaves(jax.device_get(learned))):
         raise RunError(
             "the learned reward is not finite, so no policy can be trained on it: learn it again "
-            "with a lower --pretrain.learning-rate"
+            "with lower weights of the section loss"
         )
     found = _form(config).parameters(config, learned, demos, num_classes)
     return starts.WithFrames(found, _frames(config, demos)) if begins_at_frames(config) else found

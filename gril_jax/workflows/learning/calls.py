@@ -1,13 +1,13 @@
 """The compiled calls of policies' training, each of a few seconds, and a look at their numbers.
 
-    calls = Calls(program, params, plan, config, playing)
+    calls = Calls(program, params, plan, configs, playing, wrong)
     held, made, found = calls.make(held, chunk, made)     # found: None until the chunk is complete
 
 Shapes use S for the policies and U for the updates of a chunk.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -40,19 +40,21 @@ class Calls:
     Args:
       program: what `policies.compiled_for` returns.
       params: the policy rewards' parameters (S, ...), on their devices.
-      plan, config: as for `policies.train`.
+      plan, configs: as for `policies.train`.
       playing: of the part before the first call.
       wrong: a sentence for each place of a seed that does not count.
     """
 
     def __init__(
-        self, program: Any, params: Any, plan: Any, config: RunConfig, playing: Any,
+        self, program: Any, params: Any, plan: Any, configs: Sequence[RunConfig], playing: Any,
         wrong: Mapping[int, str],
     ) -> None:  # fmt: skip
         self._advance, self._more = program.functions.advance, (program.hyper, params)
-        self._plan, self._config, self._wrong = plan, config, wrong
+        self._plan, self._configs, self._wrong = plan, configs, wrong
         self._rounds = training.rounds(program.algorithm)
-        self._names = [*sorted(program.functions.shapes.rows), diverged.WEIGHT, diverged.UNDONE]
+        # Of several in one update the first is said: losses tell more than what follows from them.
+        rows = sorted(program.functions.shapes.rows, key=lambda x: (not x.startswith("loss"), x))
+        self._names = [*rows, diverged.WEIGHT, diverged.UNDONE]
         self._playing, self._played, self._paces = playing, 0, (Pace(), Pace())
 
     def make(self, held: Held, chunk: int, made: int) -> tuple[Held, int, Any]:
@@ -103,5 +105,5 @@ class Calls:
     def diverged(self, bad: Any) -> dict[int, str]:
         """A sentence for the place of each seed that does not count."""
         found, steps = diverged.faults(bad, self._names), self._plan.steps
-        said = {n: diverged.of_policy(self._config, one, steps) for n, one in found.items()}
+        said = {n: diverged.of_policy(self._configs[n], one, steps) for n, one in found.items()}
         return said | {**self._wrong}

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Int, Shaped
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 
+_MOST = 1e30  # of a metric, as in what reads metrics.jsonl
 WEIGHT, UNDONE = "a weight of the policy", "undone"
 
 
@@ -39,8 +40,8 @@ def unknown(seeds: int) -> Int[np.ndarray, "S 2"]:
 def noted(
     bad: Any, metrics: Mapping[str, Shaped[np.ndarray, "S U"]], names: Sequence[str], before: int
 ) -> Int[np.ndarray, "S 2"]:
-    """For each seed the first update, from 1, of which a metric was not finite, and the place of
-    its name; zeros where none was. It is part of a training's state.
+    """For each seed the first update, from 1, of which a metric was not finite, or above 1e30, and
+    the place of its name; zeros where none was. It is part of a training's state.
 
     Args:
       bad: what is known from earlier updates, so many as `before` says.
@@ -49,7 +50,7 @@ def noted(
     """
     found = np.array(bad)
     for place, name in enumerate(names):
-        lost = ~np.isfinite(np.asarray(metrics[name], float))
+        lost = ~(np.abs(np.asarray(metrics[name], float)) < _MOST)
         first = before + lost.argmax(axis=1) + 1
         earlier = (found[:, 0] == 0) | (first < found[:, 0])
         found[lost.any(axis=1) & earlier] = 0
@@ -76,10 +77,17 @@ def of_reward(config: RunConfig, fault: Fault | None) -> str:
     where = "the learned reward is not finite"
     if fault is not None:
         what = fault.name.replace("_", " ")
-        where = f"its {what} is not finite at gradient step {fault.update:,}"
+        where = f"its {what} is not finite, or above {_MOST:g}, at gradient step {fault.update:,}"
+    loss = config.loss
+    weights = {
+        "lambda": loss.lambda_,
+        "perturbation-weight": loss.perturbation_weight,
+        "intrusion-weight": loss.intrusion_weight,
+    }
+    most = max(weights, key=lambda name: weights[name])
     return (
-        f"learning the reward diverged: {where}; lower --pretrain.learning-rate, which is "
-        f"{config.pretrain.learning_rate:g}, or a weight of the section loss"
+        f"learning the reward diverged: {where}; lower --loss.{most}, which is {weights[most]:g}, "
+        f"or raise --loss.temperature, which is {loss.temperature:g}"
     )
 
 
@@ -92,11 +100,14 @@ def of_policy(config: RunConfig, fault: Fault, steps: int) -> str:
             f"learning the policy ended {at}: the task's state or its reward is not finite in most "
             "steps, which are undone; gril check-task looks at a task, gril audit at a reward"
         )
-    return (
-        f"learning the policy diverged: {fault.name} is not finite {at}; lower "
-        f"--{name}.learning-rate, which is {options.learning_rate:g}, or --{name}.reward-scaling, "
-        f"which is {options.reward_scaling:g}"
-    )
+    lower = {
+        f"--{name}.{field.replace('_', '-')}": getattr(options, field)
+        for field in ("learning_rate", "reward_scaling", "entropy_cost")
+        if hasattr(options, field)
+    }
+    named = ", ".join(f"{option} ({value:g})" for option, value in lower.items())
+    what = f"{fault.name} is not finite, or above {_MOST:g}, {at}"
+    return f"learning the policy diverged: {what}; lower one of {named}"
 
 
 def require_some(sentences: Mapping[int, str], seeds: int) -> None:

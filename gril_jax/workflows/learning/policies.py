@@ -1,7 +1,7 @@
 """Trains policies that compile to the same program: seeds of one configuration, or rows alike.
 
     program = compiled_for(configs, algorithm, jax.devices(), tasks, plan)
-    trained = train(program, params, plan, config, name="ppo", run=run, ...)
+    trained = train(program, params, plan, configs, name="ppo", run=run, ...)
 
 Everything that differs between them has a leading axis S.
 """
@@ -133,7 +133,7 @@ def train(
     program: Compiled,
     params: Any,
     plan: Plan,
-    config: RunConfig,
+    configs: Sequence[RunConfig],
     *,
     name: str,
     run: Run,
@@ -146,7 +146,7 @@ def train(
 
     Args:
       params: the policy rewards' parameters (S, ...).
-      config: one of the configurations: steps and checkpoints are the same in all.
+      configs: those of the program: steps and checkpoints are the same in all.
       row: from the chunks done and a chunk's (metrics, scores), on the host, to its line of
         metrics.jsonl; scores mean something where `plan.examines`.
       tick: is told the environment steps of each policy so far.
@@ -160,7 +160,7 @@ def train(
     params = sharding.place(program.layout, params)
     part = program.functions.init(program.keys, program.hyper)
     part = sharding.begun(part, program.functions.shapes)
-    calls = Calls(program, params, plan, config, part.playing, wrong or {})
+    calls = Calls(program, params, plan, configs, part.playing, wrong or {})
     fresh: Any = hold(part, seeds)
     if plan.least is not None:
         sizes = {"evaluations": plan.evaluations, "seeds": seeds}
@@ -188,7 +188,7 @@ def train(
 
     done = loop.run_chunks(
         advance, loop.restore(run, name, fresh, tell=echo), run=run, name=name, chunks=plan.chunks,
-        row=line, every_s=config.run.checkpoint_every, start=plan.start, is_over=is_over,
+        row=line, every_s=configs[0].run.checkpoint_every, start=plan.start, is_over=is_over,
     )  # fmt: skip
     steps, watched = plan.done(done.chunks) * plan.steps, done.state
     held = watched if plan.least is None else watched.state

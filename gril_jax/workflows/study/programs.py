@@ -201,7 +201,7 @@ def learn_policies(
         return _by_start(where, scores)
 
     done = policies.train(
-        compiled, params, plan, configs[0], name=program.name, run=run, echo=echo, row=row,
+        compiled, params, plan, configs, name=program.name, run=run, echo=echo, row=row,
         tick=lambda steps: phase.update(steps * len(rows)),
         wrong={i: one.diverged for i, one in enumerate(learned) if one and one.diverged},
     )  # fmt: skip

@@ -32,7 +32,7 @@ def test_the_first_update_that_is_not_finite_is_noted_for_good():
 
 
 def test_an_earlier_update_comes_first_whatever_its_metric():
-    at = _metrics(consistency=[(0, 3, np.nan)], loss=[(0, 1, np.nan)])
+    at = _metrics(consistency=[(0, 3, np.nan)], loss=[(0, 1, -2e30)])
     bad = diverged.noted(diverged.unknown(3), at, NAMES, 0)
     assert diverged.faults(bad, NAMES) == {0: diverged.Fault(2, "loss")}
 
@@ -47,12 +47,18 @@ def test_finite_trees_are_told_by_seed():
     [
         (
             diverged.of_reward(RunConfig(), diverged.Fault(7, "gradient_norm")),
-            ("gradient norm is not finite at gradient step 7", "--pretrain.learning-rate"),
+            (
+                "gradient norm is not finite, or above 1e+30, at gradient step 7",
+                "--loss.perturbation-weight",
+            ),
         ),
         (diverged.of_reward(RunConfig(), None), ("the learned reward is not finite",)),
         (
             diverged.of_policy(RunConfig(), diverged.Fault(3, "loss/value"), 100),
-            ("loss/value is not finite at env step 300", "--ppo.learning-rate"),
+            (
+                "loss/value is not finite, or above 1e+30, at env step 300",
+                "--ppo.learning-rate (0.0003)",
+            ),
         ),
         (
             diverged.of_policy(RunConfig(), diverged.Fault(3, diverged.UNDONE), 100),
