@@ -186,6 +186,21 @@ def test_a_phase_that_is_done_is_not_repeated(whole, tmp_path):
     assert run_dir.read_metrics(path)[-1]["phase"] == "what came after"
 
 
+def test_a_folder_that_is_renamed_meanwhile_ends_the_run_and_no_second_one_appears(whole, tmp_path):
+    path, moved = tmp_path / "run", tmp_path / "moved"
+
+    def row(done, seconds, metrics):
+        if done == 5:
+            path.rename(moved)
+        return _row(done, seconds, metrics)
+
+    with pytest.raises(RunError, match="renamed or deleted while the run wrote to it"):
+        _train(path, row=row)
+    assert not path.exists()
+    assert digest(_train(moved)[0].state) == whole[1]
+    assert _rows(moved) == _rows(whole[0])
+
+
 def test_a_damaged_checkpoint_is_told_and_set_aside_and_the_one_before_taken(whole, tmp_path):
     path = tmp_path / "run"
     with pytest.raises(ZeroDivisionError):
