@@ -206,11 +206,13 @@ def _spread(algorithm: training.Algorithm, on: Sequence[Any], count: int, update
     hyper = sharding.place(layout, each)
     keys = jax.random.split(jax.random.key(0), count)
     state = sharding.init(algorithm, layout, keys, hyper)
-    run = sharding.advance(algorithm, layout, state, updates)
+    run, shapes = sharding.advance(algorithm, layout, state, hyper, None, updates)
+    part, numbers = sharding.begun(state, shapes), map(np.int32, (0, updates, updates))
+    numbers = [*numbers]
 
     def call():
-        nonlocal state
-        state, _ = run(state, hyper, None, np.int32(updates), np.bool_(True))
-        return state
+        nonlocal part
+        part, _ = run(part, hyper, None, *numbers)
+        return part
 
     return call

@@ -21,7 +21,7 @@ from gril_jax.runs.progress import Progress
 from gril_jax.types import checked
 from gril_jax.workflows import export_reward
 from gril_jax.workflows.build import demonstrations, policy_rewards, policy_setup, setup
-from gril_jax.workflows.learning import encoders, policies
+from gril_jax.workflows.learning import diverged, encoders, policies
 
 from . import settings
 from .trained_policy import Rates, TrainedPolicy
@@ -56,6 +56,7 @@ def train_policy(
 
     Raises:
       ConfigError: an option is unknown or out of range, or the reward does not fit the task.
+      RunError: a reward is not finite, or a policy diverged.
 
     Example:
       policy = train_policy("match_regions", reward, seeds=5)
@@ -76,7 +77,11 @@ def train_policy(
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     plan = policies.plan_of(config, algorithm)
     tasks = policies.tasks_to_evaluate(config, algorithm)
-    with ahead.compiling() as pool:
+    with (
+        ahead.compiling() as pool,
+        MemoryRun() as run,
+        Progress(shown=progress) as shown,
+    ):
         ready = pool.submit(policies.compiled_for, configs, algorithm, jax.devices(), tasks, plan)
         params = encoders.stack(
             [
@@ -84,12 +89,11 @@ def train_policy(
                 for one in rewards
             ]
         )
-        program = ready.result()
-    what = "learning the policy" if seeds == 1 else f"learning {seeds} policies"
-    with MemoryRun() as run, Progress(shown=progress) as shown:
+        what = "learning the policy" if seeds == 1 else f"learning {seeds} policies"
         total = plan.updates * plan.steps * seeds
         early = plan.least is not None
         phase = shown.phase(what, total=total, unit="env steps", at_most=early)
+        program = ready.result()  # the phase shows that it compiles
 
         def row(done: int, found: Any) -> dict[str, Any]:
             line = policies.metrics_of(plan, done, found)
@@ -99,8 +103,10 @@ def train_policy(
             return line
 
         trained = policies.train(
-            program, params, plan, config, name=config.run.algorithm, run=run, echo=print, row=row
-        )
+            program, params, plan, configs, name=config.run.algorithm, run=run, echo=print, row=row,
+            tick=lambda steps: phase.update(steps * seeds),
+        )  # fmt: skip
+        diverged.require_all(trained.diverged, config.run.seed)
         curves = _curves(run.metrics())
     policy = jax.device_get(trained.policy)
     return TrainedPolicy(config, env, algorithm, policy, params, curves)

@@ -25,7 +25,7 @@ from gril_jax.types import checked
 from gril_jax.workflows import audit as audits
 from gril_jax.workflows import export_reward, film_audit
 from gril_jax.workflows.build import demonstrations, learners, setup, vocabulary
-from gril_jax.workflows.learning import encoders
+from gril_jax.workflows.learning import diverged, encoders
 from gril_jax.workflows.subtasks import report as subtask_report
 from gril_jax.workflows.subtasks.doubts import of_demonstrations
 from gril_jax.workflows.subtasks.ends import of_video, segments
@@ -62,6 +62,7 @@ def learn_reward(
     Raises:
       ConfigError: an option is unknown or out of range.
       DemoError: the demonstrations are too few, or are not of the task.
+      RunError: a reward diverged.
 
     Example:
       demos = load_demos("mine")
@@ -79,15 +80,13 @@ def learn_reward(
         ahead.compiling() as pool,
     ):
         programs = encoders.compiled_for(configs, learner, pool)
-        state = encoders.train(
-            programs, config, name="pretrain", run=run, progress=shown, echo=print, what=what,
+        trained = encoders.train(
+            programs, configs, name="pretrain", run=run, progress=shown, echo=print, what=what,
             row=lambda metrics: {"consistency": metrics.consistency.mean(axis=-1)},
         )  # fmt: skip
-        trained = state, programs.data, programs.hyper
         aligned = run.metrics()[-1]["consistency"]
-        params, measured = jax.device_get(
-            (programs.reward.result()(*trained), programs.measure.result()(*trained))
-        )
+    diverged.require_all(trained.diverged, config.run.seed)
+    params, measured = jax.device_get((trained.rewards, trained.measures))
     words = vocabulary.with_task(config, vocabulary.of_set(demos, config.env.name))
     found = [
         export_reward.described(

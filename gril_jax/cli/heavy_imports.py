@@ -52,7 +52,7 @@ def heavy_imports(
     Raises:
       ConfigError: a task or device cannot be had, or JAX is told to compute in float64.
     """
-    _require_float32()
+    _require_usual_jax()
     _require_mujoco()
     if config is not None:
         _set_for(config)
@@ -77,14 +77,20 @@ def heavy_imports(
         yield
 
 
-def _require_float32() -> None:
-    """Refuses JAX's float64: checkpoints, files of rewards and policies, and results are float32,
-    and a run would find that out only when it writes them."""
-    value = os.environ.get("JAX_ENABLE_X64", "0")
-    if value.lower() not in ("0", "false", "f", "no", "n", "off"):
-        raise ConfigError(
-            f"JAX_ENABLE_X64 is {value!r}, but gril computes in float32: unset it, or set it to 0"
-        )
+_UNFIT = {
+    # Checkpoints, files of rewards and policies, and results are float32.
+    "JAX_ENABLE_X64": "gril computes in float32",
+    "JAX_DISABLE_JIT": "gril compiles its programs before it runs them",
+}
+
+
+def _require_usual_jax() -> None:
+    """Refuses what a run could not do with, and would find out only in the middle."""
+    for name, reason in _UNFIT.items():
+        value = os.environ.get(name, "0")
+        if value.lower() in ("0", "false", "f", "no", "n", "off"):
+            continue
+        raise ConfigError(f"{name} is {value!r}, but {reason}: unset it, or set it to 0")
 
 
 def _require_mujoco() -> None:

@@ -2,8 +2,9 @@
 
     layout = mesh(jax.devices(), seeds=8, num_envs=4096)
     state = init(algorithm, layout, keys, hyper)                # each with a leading axis of seeds
-    run = advance(algorithm, layout, state, updates=20, evaluation=(env,))
-    state, (metrics, scores) = run(state, hyper, reward_params, count, examine)
+    run, shapes = advance(algorithm, layout, state, hyper, params, updates=20, evaluation=(env,))
+    part = begun(state, shapes)
+    part, (scores, finite) = run(part, hyper, reward_params, first, last, count)
 
 or, before there is a state, `lowered(algorithm, layout, keys, hyper, params, updates).compile()`.
 
@@ -11,7 +12,6 @@ The program is the one for a single device, and the compiler splits it along the
 so that results agree up to the order of float sums. The devices of several hosts are one mesh.
 """
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Bool
 
 from gril_jax.errors import ConfigError
 from gril_jax.rl import training
@@ -80,6 +81,7 @@ class Compiled(NamedTuple):
 
     init: Any  # (keys, hyper) -> state
     advance: Any  # of `advance`
+    shapes: training.Part  # of its first argument, with their shardings
 
 
 class Lowered(NamedTuple):
@@ -87,10 +89,11 @@ class Lowered(NamedTuple):
 
     init: Future[Any]  # being compiled already
     advance: Any
+    shapes: training.Part
 
     def compile(self) -> Compiled:
         """Compiles it: most of the work, without Python's lock."""
-        return Compiled(self.init.result(), compiled(self.advance))
+        return Compiled(self.init.result(), compiled(self.advance), self.shapes)
 
 
 def lowered(
@@ -111,11 +114,10 @@ def lowered(
     thread = ThreadPoolExecutor(1, "compile init")
     ready = thread.submit(compiled, make.lower(keys, hyper))
     thread.shutdown(wait=False)
-    state = jax.tree.map(_abstract, shapes, shardings(layout, shapes))
     params = jax.tree.map(lambda x: _abstract(x, by_seed(layout)), reward_params)
-    run = advance(algorithm, layout, shapes, updates, evaluation)
-    count, examine = jnp.int32(0), jnp.asarray(True)
-    return Lowered(ready, run.lower(state, hyper, params, count, examine))
+    run, part = advance(algorithm, layout, shapes, hyper, params, updates, evaluation)
+    number = jnp.int32(0)
+    return Lowered(ready, run.lower(part, hyper, params, number, number, number), part)
 
 
 def _abstract(x: Any, sharding: NamedSharding) -> jax.ShapeDtypeStruct:
@@ -126,20 +128,63 @@ def advance(
     algorithm: training.Algorithm,
     layout: Mesh,
     state: Any,
+    hyper: Any,
+    reward_params: Any,
     updates: int,
     evaluation: tuple[Any, ...] = (),
-) -> Callable[[Any, Any, Any, Any, Any], tuple[Any, tuple[Any, Any]]]:
-    """`training.chunk` over seeds, compiled once: (state, hyper, reward parameters, count, examine)
-    -> (state, (metrics, scores)), the first three with a leading axis of seeds, and so what it
-    returns. Metrics and scores come back whole to every host. The state is donated.
+) -> tuple[Callable[..., tuple[training.Part, tuple[Any, Any]]], training.Part]:
+    """`training.moved` over seeds, compiled once, and the shapes of its first argument.
+
+    It is (part, hyper, reward parameters, first, last, count) -> (part, (scores, finite)), the
+    first three with a leading axis of seeds, and so what it returns. `finite`, (S,), is False for
+    seeds whose policy is not. Metrics, scores and `finite` come back whole to every host. The part
+    is donated. Of the arguments here, shapes and types will do.
     """
 
-    def chunk(state, hyper, reward_params, count, examine):
-        how = {"updates": updates, "evaluation": evaluation, "count": count, "examine": examine}
-        one = functools.partial(training.chunk, algorithm, **how)
-        state, metrics, scores = jax.vmap(one)(state, hyper, reward_params)
-        return state, (metrics, scores)
+    def run(part, hyper, reward_params, first, last, count):
+        def one(part, hyper, reward_params):
+            part, scores = training.moved(
+                algorithm, part, hyper, reward_params, evaluation=evaluation, first=first,
+                last=last, count=count,
+            )  # fmt: skip
+            return part, (scores, _finite(algorithm.policy(part.state)))
 
+        return jax.vmap(one)(part, hyper, reward_params)
+
+    def fresh(state, hyper, reward_params):
+        part = training.begin(algorithm, state, hyper, reward_params, updates=updates)
+        if not evaluation:
+            return part._replace(playing=())
+        return part._replace(playing=training.fresh_evaluation(algorithm, evaluation, part.key))
+
+    shapes = jax.eval_shape(jax.vmap(fresh), state, hyper, reward_params)
+    by_both = NamedSharding(layout, PartitionSpec("seeds", "envs"))
     everywhere = NamedSharding(layout, PartitionSpec())
-    placed = shardings(layout, state)
-    return jax.jit(chunk, donate_argnums=0, out_shardings=(placed, everywhere))
+    placed = training.Part(
+        shardings(layout, shapes.state),
+        jax.tree.map(lambda _: everywhere, shapes.rows),
+        by_seed(layout),
+        jax.tree.map(lambda x: by_both if x.ndim > 1 else by_seed(layout), shapes.playing),
+    )
+    program = jax.jit(run, donate_argnums=0, out_shardings=(placed, everywhere))
+    return program, jax.tree.map(_abstract, shapes, placed)
+
+
+def _finite(tree: Any) -> Bool[Array, ""]:
+    floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
+    return jnp.stack([jnp.isfinite(x).all() for x in floats]).all()
+
+
+def begun(state: Any, shapes: training.Part) -> training.Part:
+    """The first chunk of a training that stands at `state`, whose other parts are still blank."""
+    blank, kind = shapes._replace(state=()), jax.random.key_impl(state.key)
+
+    def nothing(like: jax.ShapeDtypeStruct) -> Array:
+        if not jnp.issubdtype(like.dtype, jax.dtypes.prng_key):
+            return jnp.zeros(like.shape, like.dtype)
+        data = jax.eval_shape(jax.random.key_data, like)
+        return jax.random.wrap_key_data(jnp.zeros(data.shape, data.dtype), impl=kind)
+
+    where = jax.tree.map(lambda x: x.sharding, blank)
+    made = jax.jit(lambda: jax.tree.map(nothing, blank), out_shardings=where)()
+    return made._replace(state=state)

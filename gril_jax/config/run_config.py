@@ -74,7 +74,7 @@ class RunSettings:
     eval_episodes: int = field(default=256, metadata=at_least(1))
     """Initial states of an evaluation. Each is played with deterministic and sampled actions."""
     updates_per_chunk: int = field(default=10, metadata=at_least(1))
-    """Updates in one compiled call, after which the run logs and may save. It changes no result."""
+    """Updates between two rows of metrics. The run saves and can be stopped between them, too."""
     checkpoint_every: float = field(default=60.0, metadata=at_least(0))
     """Seconds between two checkpoints. 0 saves after each call."""
     sinks: tuple[str, ...] = field(

@@ -32,7 +32,7 @@ from gril_jax.types import DemoBatch, VideoBatch
 
 from .demo import Demo, trim_static_tail
 from .files import read_demo, read_header, write_demo_set
-from .schema import ABOUT, robots_among
+from .schema import ABOUT, check_boxes, robots_among
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,6 +69,8 @@ class DemoSet:
     def __post_init__(self):
         if self.robots is None:
             object.__setattr__(self, "robots", robots_among(self.classes))
+        for demo in self.demos if self.folder is None else ():
+            check_boxes(demo.tracks, self.half_extent, f"{self.where}, {demo.name!r}")
 
     def __len__(self) -> int:
         return len(self.demos)
@@ -178,7 +180,8 @@ def load_demo_set(folder: str | os.PathLike) -> DemoSet:
     about = {name: header[name] for name in ABOUT}
     about |= {name: float(header[name]) for name in ("half_extent", "fps")}
     about |= {name: tuple(header[name]) for name in ("classes", "robots")}
-    demos = tuple(read_demo(folder, entry, header["classes"]) for entry in header["demos"])
+    given = header["classes"], about["half_extent"]
+    demos = tuple(read_demo(folder, entry, *given) for entry in header["demos"])
     return DemoSet(demos, **about, folder=folder)
 
 

@@ -92,7 +92,7 @@ def write_demo_set(
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        given = (classes, about["fps"], preset)
+        given = (classes, about["fps"], about["half_extent"], preset)
         entries = [_write(part, str(where), i, demo, *given) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
@@ -133,6 +133,7 @@ def _write(
     demo: Demo,
     classes: Sequence[str],
     fps: float,
+    half_extent: float,
     preset: str,
 ) -> dict[str, Any]:
     """Writes the files of a demonstration; returns its entry in the header."""
@@ -140,7 +141,8 @@ def _write(
     if demo.outcome not in OUTCOMES:
         raise DemoError(f"{where}: outcome {demo.outcome!r} is not one of {', '.join(OUTCOMES)}.")
     frames = demo.frames
-    check_tracks(demo.tracks, len(frames), len(demo.tracks.label), classes, where)
+    objects = len(demo.tracks.label)
+    check_tracks(demo.tracks, len(frames), objects, classes, half_extent, where)
     video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
     write_video(part / video, frames, fps, preset=preset)
     source = {} if demo.source is None else dict(zip(_SOURCE, demo.source, strict=True))
@@ -169,7 +171,9 @@ def read_header(folder: pathlib.Path) -> dict[str, Any]:
     return check_header(header, folder)
 
 
-def read_demo(folder: pathlib.Path, entry: dict[str, Any], classes: list[str]) -> Demo:
+def read_demo(
+    folder: pathlib.Path, entry: dict[str, Any], classes: list[str], half_extent: float
+) -> Demo:
     """One demonstration by its entry in the header; its video is read when it is asked for."""
     for file in ("video", "tracks"):
         path = folder / entry[file]
@@ -189,7 +193,8 @@ def read_demo(folder: pathlib.Path, entry: dict[str, Any], classes: list[str]) -
         raise DemoError(f"{path}: the array {sorted(missing)[0]!r} is missing.")
     source = [arrays.pop(name, None) for name in _SOURCE]
     tracks = Tracks(**arrays)
-    check_tracks(tracks, entry["frames"], len(entry["objects"]), classes, str(path))
+    objects = len(entry["objects"])
+    check_tracks(tracks, entry["frames"], objects, classes, half_extent, str(path))
     if [classes[label] for label in tracks.label] != entry["objects"]:
         raise DemoError(f"{path}: label does not agree with the objects that {HEADER} lists.")
     video = functools.partial(_video, folder / entry["video"], entry["frames"])

@@ -13,6 +13,7 @@ from .demo import Tracks
 
 HEADER = "demos.json"
 SCHEMA_VERSION = 1
+_FAR = 20.0  # half extents of a frame: ten pictures' widths
 _LONGEST = 255  # bytes of a file's name, on every usual file system
 OUTCOMES = ("success", "failure", "unknown")
 DTYPES = {"center": np.float32, "size": np.float32, "label": np.int32, "seen": np.bool_}
@@ -135,7 +136,12 @@ def _check_stages(stages: object, where: str) -> None:
 
 
 def check_tracks(
-    tracks: Tracks, frames: int, objects: int, classes: Sequence[str], where: str
+    tracks: Tracks,
+    frames: int,
+    objects: int,
+    classes: Sequence[str],
+    half_extent: float,
+    where: str,
 ) -> None:
     """Raises `DemoError` unless the arrays have the schema's shapes, types and ranges."""
     if frames < 2:
@@ -149,14 +155,29 @@ def check_tracks(
                 f"{where}: {field} is {array.dtype} {array.shape}, it must be "
                 f"{np.dtype(kind)} {shape}."
             )
-    if not (np.isfinite(tracks.center).all() and np.isfinite(tracks.size).all()):
-        raise DemoError(f"{where}: center and size must be finite numbers.")
-    if (tracks.size <= 0).any():
-        raise DemoError(f"{where}: size must be above 0 for every object in every frame.")
+    check_boxes(tracks, half_extent, where)
     if ((tracks.label < 0) | (tracks.label >= len(classes))).any():
         raise DemoError(
             f"{where}: label must lie in 0 to {len(classes) - 1}, the {len(classes)} classes."
         )
+
+
+def check_boxes(tracks: Tracks, half_extent: float, where: str) -> None:
+    """Raises `DemoError` for numbers that cannot be boxes in frames that show `half_extent` to each
+    side."""
+    if not (np.isfinite(tracks.center).all() and np.isfinite(tracks.size).all()):
+        raise DemoError(f"{where}: center and size must be finite numbers.")
+    if (tracks.size <= 0).any():
+        raise DemoError(f"{where}: size must be above 0 for every object in every frame.")
+    for field in ("center", "size"):
+        array = np.abs(getattr(tracks, field))
+        if (array > _FAR * half_extent).any():
+            frame, number = np.argwhere(array == array.max())[0][:2]
+            raise DemoError(
+                f"{where}: {field} of object {number} in frame {frame} is {array.max():g}, but "
+                f"must be at most {_FAR * half_extent:g}: a frame shows {half_extent:g} to each "
+                "side."
+            )
 
 
 def digest(path: pathlib.Path) -> str:

@@ -27,7 +27,7 @@ from gril_jax.types import VideoBatch
 from . import batch
 from .loss import aligned
 from .options import Hyper, PixelStatic
-from .pretrain import ADAM, TrainState, agreement_weight, figures, updated
+from .pretrain import ADAM, Part, TrainState, agreement_weight, figures, repeated, updated
 
 
 class Metrics(NamedTuple):
@@ -57,9 +57,13 @@ def init(key: PRNGKeyArray, videos: VideoBatch, config: PixelStatic) -> TrainSta
 
 @jax.jit
 def step(
-    state: TrainState, videos: VideoBatch, hyper: Hyper, config: PixelStatic
+    state: TrainState,
+    videos: VideoBatch,
+    hyper: Hyper,
+    config: PixelStatic,
+    part: Part | None = None,
 ) -> tuple[TrainState, Metrics]:
-    """`config.updates` gradient updates in one compiled call, without talking to the host."""
+    """`config.updates` gradient updates in one compiled call, or a part of them."""
 
     def update(state, _):
         key, batch_key, turn_key = jax.random.split(state.key, 3)
@@ -79,10 +83,10 @@ def step(
         (total, aux), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         params, moments = updated(ADAM, state, gradient, hyper)
         params = {**params, "statistics": aux[1]}
-        values = Metrics(total, aux[0], optax.global_norm(gradient))
+        values = Metrics(total, aux[0], optax.tree.norm(gradient))
         return TrainState(params, moments, key, state.num_updates + 1), values
 
-    return jax.lax.scan(update, state, length=config.updates)
+    return repeated(update, state, config.updates, part)
 
 
 @jax.jit

@@ -70,6 +70,33 @@ class Metrics(NamedTuple):
     gradient_norm: Float[Array, "updates"]
 
 
+class Part(NamedTuple):
+    """The updates of a `step` that a call makes, from `first` to before `last`; both are traced, so
+    that where a step is cut into calls changes no number."""
+
+    metrics: Any  # of the updates before them, in arrays with room for all
+    first: Int[Array, ""]
+    last: Int[Array, ""]
+
+
+def no_metrics(kind: type, updates: int) -> Any:
+    """The metrics of a step before its first update."""
+    return kind(*[jnp.zeros((updates,), jnp.float32)] * len(kind._fields))
+
+
+def repeated(update: Any, state: TrainState, updates: int, part: Part | None) -> tuple[Any, Any]:
+    """The state after all updates of a step, or a part of them, and metrics of those so far."""
+    if part is None:
+        return jax.lax.scan(update, state, length=updates)
+
+    def one(number, carry):
+        state, metrics = carry
+        state, values = update(state, None)
+        return state, jax.tree.map(lambda row, x: row.at[number].set(x), metrics, values)
+
+    return jax.lax.fori_loop(part.first, part.last, one, (state, part.metrics))
+
+
 @jax.jit
 def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
     """Fresh parameters and optimiser state. The key is consumed.
@@ -118,9 +145,14 @@ def places(demos: DemoBatch, num_classes: int, config: Static) -> Ends:
 
 @jax.jit
 def step(
-    state: TrainState, demos: DemoBatch, hyper: Hyper, config: Static, pool: Scene | None = None
+    state: TrainState,
+    demos: DemoBatch,
+    hyper: Hyper,
+    config: Static,
+    pool: Scene | None = None,
+    part: Part | None = None,
 ) -> tuple[TrainState, Metrics]:
-    """`config.updates` gradient updates in one compiled call, without talking to the host.
+    """`config.updates` gradient updates in one compiled call, or a part of them.
 
     `pool` are scenes that an earlier reward overestimated (`gril_jax.pretraining.hard_negatives`),
     leaves (P, N, ...); they teach distances as copies do, also without `num_perturbations`.
@@ -164,10 +196,10 @@ def step(
 
         (total, parts), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         params, moments = updated(_OPTIMIZER, state, gradient, hyper)
-        values = Metrics(total, *parts, optax.global_norm(gradient))
+        values = Metrics(total, *parts, optax.tree.norm(gradient))
         return TrainState(params, moments, key, state.num_updates + 1), values
 
-    return jax.lax.scan(update, state, length=config.updates)
+    return repeated(update, state, config.updates, part)
 
 
 @jax.jit

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .episodes import Environment, Episodes, EpisodeState
 from .rollout import Rollout
@@ -86,6 +86,18 @@ def rounds(algorithm: Algorithm) -> int:
     return math.ceil(algorithm.episodes.env.episode_length / algorithm.unroll_length)
 
 
+class Part(NamedTuple):
+    """A chunk of which some moves are made: first its updates, then the rounds of its evaluation.
+
+    Without `playing` it is enough to go on: an evaluation that is lost begins anew.
+    """
+
+    state: Any
+    rows: dict[str, Float[Array, "updates"]]  # metrics of the updates so far
+    key: PRNGKeyArray  # that the evaluation begins with: the state's before the first update
+    playing: Any = None  # evaluation episodes in progress; None before there are any
+
+
 def chunk(
     algorithm: Algorithm,
     state: Any,
@@ -116,9 +128,43 @@ def chunk(
       has been left out this time, None if there never is one.
     """
     count = updates if count is None else count
-    algorithm = _traced_once(algorithm)
+    part = begin(algorithm, state, hyper, reward_params, updates=updates)
+    last = count + rounds(algorithm) * jnp.asarray(examine, jnp.int32) if evaluation else count
+    part, scores = moved(
+        algorithm, part, hyper, reward_params, evaluation=evaluation, first=0, last=last,
+        count=count,
+    )  # fmt: skip
+    return part.state, part.rows, scores
+
+
+def begin(
+    algorithm: Algorithm, state: Any, hyper: Any, reward_params: Any, *, updates: int
+) -> Part:
+    """A chunk with room for so many updates, of which none is made."""
     shapes = jax.eval_shape(lambda s: step(algorithm, s, hyper, reward_params)[1], state)
     rows = jax.tree.map(lambda x: jnp.zeros((updates, *x.shape), x.dtype), shapes)
+    return Part(state, rows, state.key)
+
+
+def moved(
+    algorithm: Algorithm,
+    part: Part,
+    hyper: Any,
+    reward_params: Any,
+    *,
+    evaluation: tuple[Environment, ...] = (),
+    first: Int[Array, ""] | int,
+    last: Int[Array, ""] | int,
+    count: Int[Array, ""] | int,
+) -> tuple[Part, Scores | None]:
+    """The chunk after its moves from `first` to before `last`, of which `count` are updates.
+
+    All three may be traced, under a vmap the same for all: where a chunk is cut into calls changes
+    no number. Arguments and scores are those of `chunk`; scores count once all rounds are made.
+    """
+    algorithm = _traced_once(algorithm)
+    state, rows = part.state, part.rows
+    key = _choose(jnp.asarray(first == 0), state.key, part.key)
     if not evaluation:
 
         def update(number, carry):
@@ -126,7 +172,8 @@ def chunk(
             state, metrics = step(algorithm, state, hyper, reward_params)
             return state, _write(rows, number, metrics)
 
-        return *jax.lax.fori_loop(0, count, update, (state, rows)), None
+        state, rows = jax.lax.fori_loop(first, last, update, (state, rows))
+        return Part(state, rows, key, part.playing), None
 
     def move(number, carry):
         state, playing, rows = carry
@@ -156,13 +203,13 @@ def chunk(
         state, playing, rows = jax.lax.cond(evaluating, score, train)
         return state._replace(replay=after.replay), playing, rows
 
-    # None that the next step has; the first of them do not depend on how many there are.
-    keys = jax.random.split(state.key, algorithm.num_keys + algorithm.num_envs + 1)
-    playing = _begin(algorithm, evaluation, keys[algorithm.num_keys :])
-    until = count + rounds(algorithm) * jnp.asarray(examine, jnp.int32)
-    state, playing, rows = jax.lax.fori_loop(0, until, move, (state, playing, rows))
+    playing = fresh_evaluation(algorithm, evaluation, key)
+    if part.playing is not None:
+        playing = _choose(jnp.asarray(first <= count), playing, part.playing)
+    state, playing, rows = jax.lax.fori_loop(first, last, move, (state, playing, rows))
     shares = (len(evaluation), 2, -1)
-    return state, rows, jax.tree.map(lambda x: jnp.mean(x.reshape(shares), -1), playing.scores)
+    scores = jax.tree.map(lambda x: jnp.mean(x.reshape(shares), -1), playing.scores)
+    return Part(state, rows, key, playing), scores
 
 
 def _write(rows: Any, number: Int[Array, ""], values: Any) -> Any:
@@ -186,10 +233,16 @@ class _Evaluation(NamedTuple):
     key: PRNGKeyArray
 
 
-def _begin(
-    algorithm: Algorithm, tasks: tuple[Environment, ...], keys: Key[Array, "K"]
+def fresh_evaluation(
+    algorithm: Algorithm, tasks: tuple[Environment, ...], key: PRNGKeyArray
 ) -> _Evaluation:
-    """Fresh starts, in order of tasks; within each task, mean actions come first."""
+    """Fresh starts, in order of tasks; within each task, mean actions come first.
+
+    The key is that of the step that comes next, which stays usable.
+    """
+    # Keys that the step has not; the first of them do not depend on how many there are.
+    keys = jax.random.split(key, algorithm.num_keys + algorithm.num_envs + 1)
+    keys = keys[algorithm.num_keys :]
     share = algorithm.num_envs // len(tasks)
     each = [dataclasses.replace(algorithm.episodes, env=task) for task in tasks]
     starts = keys[:-1].reshape(len(tasks), share)

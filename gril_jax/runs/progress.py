@@ -128,10 +128,10 @@ class Phase:
         self._first = self._now = (_clock(), 0)
 
     def update(self, done: int, **metrics: Any) -> None:
-        """Sets the number of units done in all; metrics are shown until the next update."""
+        """Sets the number of units done in all; metrics are shown until there are others."""
         self._now = (_clock(), done)
         self._first = self._first or self._now
-        self._metrics = metrics
+        self._metrics = metrics or self._metrics
         self.report()
 
     @property

@@ -17,6 +17,7 @@ import dataclasses
 import hashlib
 import itertools
 import json
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -45,6 +46,7 @@ class RunDir:
         self.experiment = phases.experiment  # the one that can resume the run
         self.said: list[str] = []  # a sentence for each file that was repaired
         self._lock, self._phases, self._config = lock, phases, config
+        self._place = path.stat()
         self._sinks: list[Any] = []
         self.rows, self.times = JsonLines(path / "metrics.jsonl"), JsonLines(path / TIMES)
         self.said += [said for said in (self.rows.said, self.times.said) if said]
@@ -80,6 +82,7 @@ class RunDir:
 
         Its clocks, `gril_jax.runs.json_lines.CLOCKS`, go to times.jsonl.
         """
+        self._require_here()
         row = plain(metrics)
         clocks = {name: row.pop(name) for name in CLOCKS if name in row}
         self.note_time(line=self._count + 1, **clocks)
@@ -90,12 +93,27 @@ class RunDir:
 
     def sync(self) -> None:
         """Returns once the lines so far are on disk."""
+        self._require_here()
         self.times.sync()
         self.rows.sync()
 
     def metrics(self) -> list[dict[str, Any]]:
         """The rows so far, with their clocks."""
+        self._require_here()
         return with_clocks(read_rows(self.rows.file), self.path)
+
+    def _require_here(self) -> None:
+        """Raises RunError if the folder is not where the run was opened: its files would be split
+        between two folders."""
+        try:
+            here = os.path.samestat(self._place, self.path.stat())
+        except OSError:
+            here = False
+        if not here:
+            raise RunError(
+                f"the run's folder {self.path} was moved, renamed or deleted while the run wrote "
+                f"to it: gril {self.experiment} --resume FOLDER goes on with it where it is now"
+            )
 
     def note_time(self, **fields: Any) -> None:
         """Adds a line to times.jsonl, such as what a stage took."""
@@ -134,6 +152,7 @@ class RunDir:
 
     def save_part(self, part: str, step: int, state: Any) -> list[Path]:
         """Saves a part of the run, such as "reward"; returns the files that cover it."""
+        self._require_here()
         return [checkpoints.save_part(self.path, part, step, state)]
 
     def load_part(self, part: str, like: Any) -> Any:
@@ -142,6 +161,7 @@ class RunDir:
 
     def save_arrays(self, name: str, **arrays: Any) -> list[Path]:
         """Writes NumPy's arrays to a file of the folder; returns it in a list."""
+        self._require_here()
         file = self.path / name
         with writing(self.path):
             checkpoints.save_arrays(file, arrays)

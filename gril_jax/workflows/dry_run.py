@@ -19,6 +19,7 @@ from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.envs import Env
 from gril_jax.pretraining import pretrain
 from gril_jax.report.headline import in_words
+from gril_jax.rl import training
 from gril_jax.runs.progress import Phase, Progress
 from gril_jax.types import DemoBatch
 from gril_jax.workflows import audit, train
@@ -110,20 +111,21 @@ def _policy(
     params = policy_rewards.blank(config, algorithm.episodes.env)
     needed = memory.predict_bytes(algorithm, policy_setup.algorithm_hyper(config), params)
     program, plan = train.compiled_for(config, algorithm), policies.plan_of(config, algorithm)
-    init, run_chunk = program.functions
+    init, run_part, shapes = program.functions
     placed = sharding.place(program.layout, jax.tree.map(lambda x: x[None], params))
 
     def advance(examine: bool) -> Callable[[Any], Any]:
-        more = program.hyper, placed, jnp.int32(not examine), jnp.asarray(examine)
-        return lambda state: run_chunk(state, *more)[0]
+        moves = (training.rounds(algorithm), 0) if examine else (1, 1)  # last, count
+        more = program.hyper, placed, *map(jnp.int32, (0, *moves))
+        return lambda part: run_part(part, *more)[0]
 
-    state = init(program.keys, program.hyper)
-    seconds = _seconds(begun, advance(False), state, plan.updates, phase)
+    part = sharding.begun(init(program.keys, program.hyper), shapes)
+    seconds = _seconds(begun, advance(False), part, plan.updates, phase)
     if plan.evaluations:
         phase = progress.phase("timing an evaluation", total=_CALLS, unit="updates")
-        state, begun = init(program.keys, program.hyper), time.monotonic()
-        count = min(plan.evaluations, plan.chunks)
-        seconds += _seconds(begun, advance(True), state, count, phase)
+        part = sharding.begun(init(program.keys, program.hyper), shapes)
+        count, begun = min(plan.evaluations, plan.chunks), time.monotonic()
+        seconds += _seconds(begun, advance(True), part, count, phase)
     available = memory.available_bytes(jax.devices()[0])
     room = "" if available is None else f" of {available / _UNIT:,.0f} MiB"
     most = plan.least is not None  # evaluations may end it

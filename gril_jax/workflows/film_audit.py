@@ -24,7 +24,7 @@ from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.files import load
 from gril_jax.demos import schema
 from gril_jax.demos.demo_set import DemoSet
-from gril_jax.errors import DemoError
+from gril_jax.errors import DemoError, RunError
 from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.batch import Ends, displaced
 from gril_jax.pretraining.hard_negatives import due_rewards
@@ -142,7 +142,10 @@ def measured(
     seed: int = 0,
 ) -> Findings:
     """The audit of a reward with its demonstrations; `trained` has the `tau` and `consistency`
-    that training came to, if they are known. Shares are of the range from first to last frames."""
+    that training came to, if they are known. Shares are of the range from first to last frames.
+
+    Raises RunError if the reward is not finite somewhere.
+    """
     num_classes = len(demos.demo_set.classes)
     static, hyper = setup.pretrain_config(config, num_classes), setup.pretrain_hyper(config)
     train, held = demos.batch("train"), demos.batch("validation")
@@ -163,6 +166,13 @@ def measured(
     reward = np.where(amiss, np.asarray(pay(made)), -np.inf)
     if not amiss.any():  # nothing could be displaced: the beginnings stand in
         made, amiss, reward = begin, np.ones(len(first), bool), np.asarray(first)
+    paid = np.concatenate([first, last, touched, reward[amiss]])
+    if lost := np.count_nonzero(~np.isfinite(paid)):
+        raise RunError(
+            f"the reward is not finite in {lost} of {len(paid)} states of the demonstrations or "
+            "near them, so it cannot be audited; learn it again with lower weights of the section "
+            "loss"
+        )
     pick = lambda scene, at: jax.tree.map(lambda x: np.asarray(x[at]), scene)  # noqa: E731
     numbers = {
         "held_out": len(held.length),

@@ -119,13 +119,11 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
         programs = encoders.compiled_for([config], learner, compilers)
         successes = len(owners) - len(demos.names["failure"])
         profiles_of = _profiles_program(config, learner, programs, films, successes, compilers)
-        state = encoders.train(
-            programs, config, name="pretrain", run=run.dir, progress=run.progress, echo=run.echo,
+        trained = encoders.train(
+            programs, [config], name="pretrain", run=run.dir, progress=run.progress, echo=run.echo,
             what="learning the reward", row=_means,
         )  # fmt: skip
-        trained = state, programs.data, programs.hyper
-        params, found = programs.reward.result()(*trained), programs.measure.result()(*trained)
-        params, found, state = _only((params, found, state))
+        params, found, state = _only((trained.rewards, trained.measures, trained.state))
         rewards, ends = profiles_of.result()(params, films, _only(programs.hyper))
     saved = run.dir.save_part("reward", config.pretrain.steps, params)
     saved += run.dir.save_arrays(

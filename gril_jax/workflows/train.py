@@ -9,6 +9,7 @@ gril train quickstart --hard-negatives RUN    learn from states that RUN's rewar
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,7 +74,7 @@ def main(
         lap("reward")
         if program is not None:
             params = jax.tree.map(lambda x: x[None], reward_params)
-            found = _learn_policy(run, program.result(), params)
+            found = _learn_policy(run, algorithm, program, params)
         blank = policy_setup.fresh_policy(config, algorithm, jax.random.key(0))
         policy = run.dir.load_part("policy", blank)
         lap("policy")
@@ -188,12 +189,15 @@ def compiled_for(config: RunConfig, algorithm: training.Algorithm) -> policies.C
     return policies.compiled_for([config], algorithm, jax.devices(), tasks, plan)
 
 
-def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict[str, Any]:
+def _learn_policy(
+    run: OpenRun, algorithm: training.Algorithm, ready: Future[policies.Compiled], params: Any
+) -> dict[str, Any]:
     """Runs all updates, chunk by chunk; saves the policy and returns the results."""
-    config, algorithm = run.config, program.algorithm
+    config = run.config
     name, plan = config.run.algorithm, policies.plan_of(config, algorithm)
     total, early = plan.updates * plan.steps, plan.least is not None
     phase = run.progress.phase("learning the policy", total=total, unit="env steps", at_most=early)
+    program = ready.result()  # the phase shows that it compiles
 
     def row(done: int, found: Any) -> dict[str, Any]:
         line = {name: values[0] for name, values in policies.metrics_of(plan, done, found).items()}
@@ -202,8 +206,9 @@ def _learn_policy(run: OpenRun, program: policies.Compiled, params: Any) -> dict
         return line
 
     trained = policies.train(
-        program, params, plan, config, name=name, run=run.dir, echo=run.echo, row=row
-    )
+        program, params, plan, [config], name=name, run=run.dir, echo=run.echo, row=row,
+        tick=lambda steps: phase.update(steps),
+    )  # fmt: skip
     policy, state = jax.tree.map(lambda x: x[0], (trained.policy, trained.state))
     results = {"env_steps": trained.env_steps, "state_sha256": state_leaves.digest(state)}
     saved = run.dir.save_part("policy", trained.env_steps, policy)

@@ -130,6 +130,13 @@ def test_float64_is_refused_before_anything_is_made(monkeypatch, tmp_path, capsy
     assert [*tmp_path.iterdir()] == []
 
 
+def test_programs_that_are_not_compiled_are_refused_before_anything_is_made(monkeypatch, capsys):
+    monkeypatch.setenv("JAX_DISABLE_JIT", "1")
+    assert main.main(["pretrain", "quickstart"]) == 2
+    said = "JAX_DISABLE_JIT is '1', but gril compiles its programs before it runs them: unset it"
+    assert said in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("value", ["0", "false", "off"])
 def test_float32_that_is_asked_for_is_no_fault(monkeypatch, tmp_path, value):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))

@@ -255,6 +255,8 @@ def test_changed_and_missing_files_are_noticed(saved, name):
         (lambda a: a.update(label=a["label"][:2]), r"label is int32 \(2,\)"),
         (lambda a: a.update(size=a["size"] * 0), "size must be above 0"),
         (lambda a: a.update(center=a["center"] * np.nan), "must be finite"),
+        (lambda a: a.update(center=a["center"] + np.float32(1e30)), "1e.30, but must be at most"),
+        (lambda a: a.update(size=a["size"] + np.float32(1e3)), "size of object 1 in frame"),
         (lambda a: a.update(label=a["label"] + 1), "label must lie in 0 to 2"),
         (lambda a: a.update(label=np.array([None] * 3)), "not an npz file of plain arrays"),
     ],

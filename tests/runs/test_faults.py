@@ -119,7 +119,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_folder(whole, cut, tmp_path,
 
 def _went_on(advance, begun, **_):
     """In place of training: a sentence on what it begins with."""
-    raise RunError(f"went on after {begun.chunks} chunks from {state_leaves.digest(begun.state)}")
+    raise RunError(f"went on after {begun.moves} chunks from {state_leaves.digest(begun.state)}")
 
 
 def _study(path):

@@ -101,19 +101,20 @@ assert np.signbit(same["x"][0]) and np.isnan(same["x"][1]) and same["x"][2] == 0
 assert (jax.random.key_data(same["key"]) == jax.random.key_data(jax.random.key(0))).all()
 
 fresh, run, inputs = t.begin("sac", jax.devices(), SEEDS)
-assert len(jax.devices()) == 4 and not fresh.key.is_fully_addressable
+assert len(jax.devices()) == 4 and not fresh.state.key.is_fully_addressable
 
 def chunks(folder, path, state):
     def row(done, seconds, found):
         assert me == 0
-        return {"success": found[1].success[:, 0, 1]}
-    def advance(state):
+        return {"success": found[0].success[:, 0, 1]}
+    def advance(state, chunk, made):
         if me == 1 and not os.path.exists(out + ".told"):  # the second one alone is told to stop
             open(out + ".told", "w").close()
             signal.raise_signal(signal.SIGTERM)
-        return run(state, *inputs)
+        state, found = run(state, *inputs)
+        return state, 1, jax.device_get(found)
     begun = loop.restore(folder, "sac", state, tell=print)
-    return begun.chunks, loop.run_chunks(
+    return begun.moves, loop.run_chunks(
         advance, begun, run=folder, name="sac", chunks=2, row=row, every_s=1e9, keep=3)
 
 with hosts.scratch() as scratch:

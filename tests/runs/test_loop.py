@@ -45,11 +45,21 @@ def _advance(state):
     return Walk(place, key, state.steps + 1), {"mean": place.mean()}
 
 
+def in_calls(step=_advance):
+    """What the loop calls: each chunk is a single call."""
+
+    def advance(state, chunk, made):
+        state, metrics = step(state)
+        return state, 1, jax.device_get(metrics)
+
+    return advance
+
+
 def _row(done, seconds, metrics):
     return {"step": done, "mean": metrics["mean"]}
 
 
-def _train(path, chunks=12, advance=_advance, row=_row, every_s=0, **more):
+def _train(path, chunks=12, advance=None, row=_row, every_s=0, **more):
     """The whole of a phase, in a new folder or in one that was left; (trained, sentences)."""
     told = []
     opened = run_dir.resume(path) if path.exists() else run_dir.create(
@@ -58,7 +68,7 @@ def _train(path, chunks=12, advance=_advance, row=_row, every_s=0, **more):
     with opened as run:
         begun = loop.restore(run, "walk", _fresh(), tell=told.append)
         options = {"run": run, "name": "walk", "chunks": chunks, "every_s": every_s, "keep": 3}
-        return loop.run_chunks(advance, begun, row=row, **(options | more)), told
+        return loop.run_chunks(advance or in_calls(), begun, row=row, **(options | more)), told
 
 
 def _rows(path):
@@ -100,6 +110,41 @@ def test_a_signal_saves_and_leaves_after_its_chunk_and_the_run_goes_on(whole, tm
     assert _rows(tmp_path / "run") == _rows(whole[0])
 
 
+def _in_parts(asked):
+    """Chunks of three moves, of which a call makes one; before a call, `asked` sees where it is."""
+
+    def advance(state, chunk, made):
+        asked(chunk, made)
+        if made < 2:  # the state waits for the last one, but says that it has come so far
+            return state._replace(steps=state.steps + 1), made + 1, None
+        state, metrics = _advance(state._replace(steps=state.steps - 2))
+        return state, 3, jax.device_get(metrics)
+
+    return advance
+
+
+def test_signals_between_the_calls_of_a_chunk_change_no_bit(whole, tmp_path):
+    draw, path = random.Random(0), tmp_path / "run"
+    moments = sorted(draw.sample([(n, m) for n in range(12) for m in range(3)], 8))
+    seen = []
+
+    def asked(chunk, made):
+        seen.append((chunk, made))
+        if (chunk, made) in moments:
+            moments.remove((chunk, made))
+            signal.raise_signal(signal.SIGTERM)
+
+    more = {"advance": _in_parts(asked), "start": lambda chunk: 3 * chunk, "every_s": 1e9}
+    while moments:
+        with pytest.raises(Interrupted, match="the run is saved after"):
+            _train(path, **more)
+    trained, told = _train(path, **more)
+    assert (digest(trained.state), told, trained.chunks) == (whole[1], [], 12)
+    assert _rows(path) == _rows(whole[0])
+    assert seen == sorted(set(seen)), "a call that was saved is not made again"
+    assert checkpoint.steps(path / "checkpoints" / "walk") == [36]
+
+
 def test_rows_after_the_checkpoint_are_cut_and_seconds_go_on(whole, tmp_path):
     path = tmp_path / "run"
     shutil.copytree(whole[0], path)
@@ -139,6 +184,21 @@ def test_a_phase_that_is_done_is_not_repeated(whole, tmp_path):
     assert digest(trained.state) == whole[1]
     assert trained.seconds < 1e6
     assert run_dir.read_metrics(path)[-1]["phase"] == "what came after"
+
+
+def test_a_folder_that_is_renamed_meanwhile_ends_the_run_and_no_second_one_appears(whole, tmp_path):
+    path, moved = tmp_path / "run", tmp_path / "moved"
+
+    def row(done, seconds, metrics):
+        if done == 5:
+            path.rename(moved)
+        return _row(done, seconds, metrics)
+
+    with pytest.raises(RunError, match="renamed or deleted while the run wrote to it"):
+        _train(path, row=row, every_s=1e9)  # no checkpoint is being written at that time
+    assert not path.exists()
+    assert digest(_train(moved)[0].state) == whole[1]
+    assert _rows(moved) == _rows(whole[0])
 
 
 def test_a_damaged_checkpoint_is_told_and_set_aside_and_the_one_before_taken(whole, tmp_path):

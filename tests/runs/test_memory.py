@@ -5,7 +5,7 @@ import signal
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from runs.test_loop import _advance, _fresh, _row
+from runs.test_loop import _fresh, _row, in_calls
 
 from gril_jax.config import RunConfig
 from gril_jax.runs import loop, memory, run_dir
@@ -19,7 +19,7 @@ def _all_of(run):
         fresh = _fresh()
         begun = loop.restore(run, "walk", fresh, tell=pytest.fail)
         done = loop.run_chunks(
-            _advance, begun, run=run, name="walk", chunks=5, row=_row, every_s=0, keep=2
+            in_calls(), begun, run=run, name="walk", chunks=5, row=_row, every_s=0, keep=2
         )
         run.log(phase="later", odd=float("nan"), each=jnp.arange(2))
         run.note_time(stage="walk", seconds=1.5)
@@ -63,7 +63,7 @@ def test_a_signal_ends_it_with_a_sentence_and_a_phase_that_begins_again_has_no_o
         begun = loop.restore(run, "walk", _fresh(), tell=pytest.fail)
         options = {"run": run, "name": "walk", "chunks": 5, "row": row, "every_s": 0, "keep": 2}
         with pytest.raises(Interrupted, match="without a folder nothing of it is kept"):
-            loop.run_chunks(_advance, begun, **options)
+            loop.run_chunks(in_calls(), begun, **options)
         assert [one["phase"] for one in run.metrics()] == ["before", "walk", "walk"]
-        assert loop.restore(run, "walk", _fresh(), tell=pytest.fail).chunks == 0
+        assert loop.restore(run, "walk", _fresh(), tell=pytest.fail).moves == 0
         assert [one["phase"] for one in run.metrics()] == ["before"]

@@ -10,7 +10,7 @@ import numpy as np
 from gril_jax.compilation import sharding
 from gril_jax.encoders.encoder import EncoderConfig
 from gril_jax.pretraining import pretrain
-from gril_jax.rl import ppo, rewards, sac
+from gril_jax.rl import ppo, rewards, sac, training
 from support.kinematic_demos import kinematic_demos
 from support.probes import Probe
 
@@ -28,7 +28,7 @@ def algorithm(name):
 
 
 def begin(name, devices, seeds):
-    """A fresh state for each seed on these devices, the compiled chunk of two updates, its inputs.
+    """A fresh chunk for each seed on these devices, the program of two updates, its inputs.
 
     The seeds differ in their learning rates, too.
     """
@@ -40,12 +40,14 @@ def begin(name, devices, seeds):
     hyper = sharding.place(layout, hyper)
     keys = jax.vmap(jax.random.key)(jnp.arange(seeds))
     state = sharding.init(made, layout, keys, hyper)
-    run = sharding.advance(made, layout, state, 2, (Probe(),))
-    return state, run, (hyper, sharding.place(layout, jnp.zeros(seeds)), 2, True)
+    params = sharding.place(layout, jnp.zeros(seeds))
+    run, shapes = sharding.advance(made, layout, state, hyper, params, 2, (Probe(),))
+    last = 2 + training.rounds(made)
+    return sharding.begun(state, shapes), run, (hyper, params, 0, last, 2)
 
 
 def train(name, devices, seeds, chunks=2):
-    """The state after some chunks, and the last one's metrics and scores."""
+    """The training after some chunks, and the last one's scores."""
     state, run, inputs = begin(name, devices, seeds)
     for _ in range(chunks):
         state, found = run(state, *inputs)

@@ -20,7 +20,7 @@ from gril_jax.encoders.encoder import Params
 from gril_jax.encoders.ensemble import member, num_members
 from gril_jax.pretraining import pixel_pretrain, pretrain
 from gril_jax.pretraining.pixel_pretrain import PixelStatic
-from gril_jax.pretraining.pretrain import Hyper, Static
+from gril_jax.pretraining.pretrain import Hyper, Part, Static
 from gril_jax.reward import pixels as pixel_reward
 from gril_jax.reward.latent_goal import RewardParams
 
@@ -33,7 +33,8 @@ class Learner(NamedTuple):
     static: Static | PixelStatic
     data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
     init: Callable[[PRNGKeyArray, Any], Any]
-    step: Callable[[Any, Any, Hyper], tuple[Any, Any]]  # of `static.updates` updates
+    step: Callable[[Any, Any, Hyper, Part], tuple[Any, Any]]  # some of `static.updates` updates
+    metrics: Any  # of a step before its first update
     reward: Callable[[Any, Any, Hyper], RewardParams]
     measure: Callable[[Any, Any, Hyper], dict[str, Float[Array, ""]]]
     latents: Callable[[Params, Any, Hyper], Float[Array, "B T D"]]  # of all frames of `films`
@@ -72,6 +73,7 @@ def _of_boxes(config, demos, pool) -> Learner:
         (demos.batch("train"), demos.batch("validation"), pool),
         init,
         step,
+        pretrain.no_metrics(pretrain.Metrics, static.updates),
         learned,
         lambda state, data, hyper: pretrain.evaluate(
             state.params.encoder, data[1], data[0], hyper, static
@@ -92,15 +94,18 @@ def _of_members(static: Static):
     def init(key, data):
         return pretrain.init(key, data[0], one)
 
-    def step(state, data, hyper):
-        return pretrain.step(state, data[0], hyper, one, data[2])
+    def step(state, data, hyper, part):
+        return pretrain.step(state, data[0], hyper, one, data[2], part)
 
     def init_all(key, data):
         return jax.vmap(init, (0, None))(jax.random.split(key, members), data)
 
-    def step_all(state, data, hyper):
-        state, metrics = jax.vmap(step, (0, None, None))(state, data, hyper)
-        return state, jax.tree.map(lambda x: jnp.mean(x, axis=0), metrics)
+    def step_all(state, data, hyper, part):
+        state, metrics = jax.vmap(step, (0, None, None, None))(state, data, hyper, part)
+        at = jnp.arange(one.updates)
+        new = (part.first <= at) & (at < part.last)
+        mean = lambda old, x: jnp.where(new, jnp.mean(x, axis=0), old)  # noqa: E731
+        return state, jax.tree.map(mean, part.metrics, metrics)
 
     return (init, step) if members == 1 else (init_all, step_all)
 
@@ -120,7 +125,8 @@ def _of_frames(config, demos) -> Learner:
         static,
         (frames(*demos.names["train"]), frames(*demos.names["validation"])),
         lambda key, data: pixel_pretrain.init(key, data[0], static),
-        lambda state, data, hyper: pixel_pretrain.step(state, data[0], hyper, static),
+        lambda state, data, hyper, part: pixel_pretrain.step(state, data[0], hyper, static, part),
+        pretrain.no_metrics(pixel_pretrain.Metrics, static.updates),
         lambda state, data, hyper: pixel_reward.from_videos(state.params, data[0], static.encoder),
         lambda state, data, hyper: pixel_pretrain.evaluate(state.params, data[1], data[0], static),
         lambda params, films, hyper: pixel_reward.embed(params, films, static.encoder),

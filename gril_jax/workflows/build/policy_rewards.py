@@ -14,7 +14,7 @@ from gril_jax import envs, reward
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS, find
 from gril_jax.encoders.encoder import PixelConfig
-from gril_jax.errors import ConfigError, DemoError
+from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.graphs import activity
 from gril_jax.pretraining import pretrain
 from gril_jax.reward import staircase
@@ -50,7 +50,14 @@ def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
 def parameters(
     config: RunConfig, learned: RewardParams | None, demos: DemoBatch | None, num_classes: int
 ) -> Any:
-    """Its parameters, from a learned reward and its demonstrations; without these, the shapes."""
+    """Its parameters, from a learned reward and its demonstrations; without these, the shapes.
+
+    Raises RunError if the learned reward is not finite."""
+    if not all(np.isfinite(x).all() for x in jax.tree.leaves(jax.device_get(learned))):
+        raise RunError(
+            "the learned reward is not finite, so no policy can be trained on it: learn it again "
+            "with lower weights of the section loss"
+        )
     found = _form(config).parameters(config, learned, demos, num_classes)
     return starts.WithFrames(found, _frames(config, demos)) if begins_at_frames(config) else found
 

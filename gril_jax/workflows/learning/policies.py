@@ -1,18 +1,17 @@
 """Trains policies that compile to the same program: seeds of one configuration, or rows alike.
 
     program = compiled_for(configs, algorithm, jax.devices(), tasks, plan)
-    trained = train(program, params, plan, config, name="ppo", run=run, ...)
+    trained = train(program, params, plan, configs, name="ppo", run=run, ...)
 
 Everything that differs between them has a leading axis S.
 """
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
@@ -25,14 +24,15 @@ from gril_jax.runs.memory import Run
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import evaluated_from
 
-from . import stopping
+from . import diverged, stopping
+from .calls import Calls, hold
 from .encoders import Echo, keys, stack
 
 POLICY_STREAM = 1  # of a run's random numbers
 
 
 class Plan(NamedTuple):
-    """The updates of a training, in chunks of one compiled call, and when it evaluates."""
+    """The updates of a training, in chunks of one row of metrics, and when it evaluates."""
 
     updates: int  # the most, where evaluations end it
     per_chunk: int
@@ -43,12 +43,16 @@ class Plan(NamedTuple):
 
     @property
     def chunks(self) -> int:
-        """Number of calls."""
+        """Number of rows of metrics."""
         return -(-self.updates // self.per_chunk)
 
     def done(self, chunks: int) -> int:
         """Updates after so many chunks."""
         return min(chunks * self.per_chunk, self.updates)
+
+    def start(self, chunk: int) -> int:
+        """Moves before a chunk: each has one for its evaluation, too."""
+        return self.done(chunk) + chunk
 
     def count(self, chunk: int) -> int:
         """Updates of a chunk, counted from 0."""
@@ -122,48 +126,56 @@ class Learned(NamedTuple):
     env_steps: int  # in all, of each seed
     kept: list[int]  # environment steps after which the policy of each seed was as it is
     stall_s: float  # that the longest copy of a checkpoint held the training up
+    diverged: Mapping[int, str]  # a sentence for each place of a seed that did
 
 
 def train(
     program: Compiled,
     params: Any,
     plan: Plan,
-    config: RunConfig,
+    configs: Sequence[RunConfig],
     *,
     name: str,
     run: Run,
     echo: Echo,
     row: Callable[[int, Any], dict[str, Any]],
+    tick: Callable[[int], None],
+    wrong: Mapping[int, str] | None = None,
 ) -> Learned:
     """Runs all updates as the phase `name`, or those until evaluations end it.
 
     Args:
       params: the policy rewards' parameters (S, ...).
-      config: one of the configurations: steps and checkpoints are the same in all.
+      configs: those of the program: steps and checkpoints are the same in all.
       row: from the chunks done and a chunk's (metrics, scores), on the host, to its line of
         metrics.jsonl; scores mean something where `plan.examines`.
-    """
-    init, run_chunk = program.functions
-    hyper, policy_of = program.hyper, program.algorithm.policy
-    params = sharding.place(program.layout, params)
-    fresh = init(program.keys, hyper)
-    if plan.least is not None:
-        sizes = {"evaluations": plan.evaluations, "seeds": len(program.keys)}
-        fresh = stopping.begin(fresh, policy_of(fresh), **sizes)
-    begun = loop.restore(run, name, fresh, tell=echo)
-    chunks = itertools.count(begun.chunks)
+      tick: is told the environment steps of each policy so far.
+      wrong: a sentence for each place of a seed that does not count, since its reward diverged.
 
-    def advance(state: Any) -> Any:
-        chunk = next(chunks)
-        count, examine = jnp.int32(plan.count(chunk)), jnp.asarray(plan.examines(chunk))
+    Raises:
+      DivergedError: no seed is left whose numbers are finite.
+    """
+    seeds, policy_of = len(program.keys), program.algorithm.policy
+    diverged.require_some(wrong or {}, seeds)
+    params = sharding.place(program.layout, params)
+    part = program.functions.init(program.keys, program.hyper)
+    part = sharding.begun(part, program.functions.shapes)
+    calls = Calls(program, params, plan, configs, part.playing, wrong or {})
+    fresh: Any = hold(part, seeds)
+    if plan.least is not None:
+        sizes = {"evaluations": plan.evaluations, "seeds": seeds}
+        fresh = stopping.begin(fresh, policy_of(part.state), **sizes)
+
+    def advance(state: Any, chunk: int, made: int) -> tuple[Any, int, Any]:
+        held, made, found = calls.make(state if plan.least is None else state.state, chunk, made)
+        tick((plan.done(chunk) + made) * plan.steps)
         if plan.least is None:
-            return run_chunk(state, hyper, params, count, examine)
-        inner, found = run_chunk(state.state, hyper, params, count, examine)
-        state = state._replace(state=inner)
-        if plan.examines(chunk):
+            return held, made, found
+        state = state._replace(state=held)
+        if found is not None and plan.examines(chunk):
             success, value = (x[:, 0, 0] for x in (found[1].success, found[1].reward))
-            state = stopping.noted(state, success, value, policy_of(inner))
-        return state, found
+            state = stopping.noted(state, success, value, policy_of(held.part.state))
+        return state, made, found
 
     def is_over(done: int, state: Any) -> bool:
         if plan.least is None or not plan.examines(done - 1):
@@ -172,18 +184,19 @@ def train(
 
     def line(done: int, seconds: float, found: Any) -> dict[str, Any]:
         steps = plan.done(done) * plan.steps
-        speed = steps * len(program.keys) / seconds
-        return row(done, found) | {"env_steps": steps, "env_steps_per_s": speed}
+        return row(done, found) | {"env_steps": steps, "env_steps_per_s": steps * seeds / seconds}
 
     done = loop.run_chunks(
-        advance, begun, run=run, name=name, chunks=plan.chunks, row=line,
-        every_s=config.run.checkpoint_every, is_over=is_over,
+        advance, loop.restore(run, name, fresh, tell=echo), run=run, name=name, chunks=plan.chunks,
+        row=line, every_s=configs[0].run.checkpoint_every, start=plan.start, is_over=is_over,
     )  # fmt: skip
-    steps, state = plan.done(done.chunks) * plan.steps, done.state
+    steps, watched = plan.done(done.chunks) * plan.steps, done.state
+    held = watched if plan.least is None else watched.state
+    state, rest = held.part.state, (done.stall_s, calls.diverged(held.bad))
     if plan.least is None:
-        return Learned(policy_of(state), state, steps, [steps] * len(program.keys), done.stall_s)
-    kept = [plan.evaluated_at(int(number)) for number in stopping.best_so_far(state)]
-    return Learned(state.best, state.state, steps, kept, done.stall_s)
+        return Learned(policy_of(state), state, steps, [steps] * seeds, *rest)
+    kept = [plan.evaluated_at(int(number)) for number in stopping.best_so_far(watched)]
+    return Learned(watched.best, state, steps, kept, *rest)
 
 
 def evaluates(config: RunConfig, algorithm: training.Algorithm) -> bool:

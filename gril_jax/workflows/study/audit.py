@@ -19,7 +19,7 @@ from gril_jax.audit.scene_reward import Scene, StagedTask, scene_reward
 from gril_jax.audit.shortfalls import KINDS
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoders.encoder import GraphConfig
-from gril_jax.errors import ConfigError
+from gril_jax.errors import ConfigError, RunError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.learning.encoders import stack
@@ -139,8 +139,19 @@ def audit_program(encoder: GraphConfig, task: StagedTask, *, ascents: int):
 
 def audit_figures(run: Any, params: RewardParams, on: Ground) -> dict[str, Float[np.ndarray, "S"]]:
     """The figures of S rewards, such as `hack_share_layout`, and the misranked successes of each
-    kind of shortfall, such as `misranked_just_outside_layout`."""
-    found = {variant: run(params, states) for variant, states in on.states.items()}
+    kind of shortfall, such as `misranked_just_outside_layout`.
+
+    Raises RunError if a reward is not finite in one of the states.
+    """
+    with jax.debug_nans(False):  # a share of nothing is NaN
+        found = {variant: run(params, states) for variant, states in on.states.items()}
+    for variant, measures in found.items():
+        lost = np.flatnonzero(~np.asarray(measures.finite))
+        if len(lost):
+            raise RunError(
+                f"the reward of seed {lost[0]} of {len(measures.finite)}, counted from 0, is not "
+                f"finite in some state of the variant {variant}, so it cannot be audited"
+            )
     figures = {
         f"{name}_{variant}": np.asarray(getattr(measures, field))
         for variant, measures in found.items()

@@ -9,7 +9,7 @@ is cut off leaves what it has.
 import contextlib
 import dataclasses
 import io
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,7 @@ def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], 
     """Ends a run: without results.json where rows failed, so that --resume tries these again."""
     if failed or run.finished_phase(FAILED):
         run.finish_phase(FAILED, {str(cell): said for cell, said in failed.items()})
+    echo("writing table, figure and page")
     found = summary.write(run.path, last=run.path == saved.root(run.path))
     if not failed:
         run.finish(counts)
@@ -143,16 +144,29 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
         if hosts.is_first():
             summary.write(run.path, last=False)
 
+    first_seed = plan.config.run.seed
+    for program in programs:  # those that have finished: what diverged in them did so for good
+        done = run.finished_phase(program.name) or {}
+        _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)
+
     def learn(one) -> None:
-        learned.update(study_rewards.learn(one, run, progress, echo))
+        found = study_rewards.learn(one, run, progress, echo)
+        learned.update(found)
+        lost = [found[reward_key(row.config)].diverged for row in one.rows]
+        said = {i: sentence for i, sentence in enumerate(lost) if sentence}
+        _note_seeds(failed, one.rows, said, first_seed)
 
     def train(program) -> None:
         shown = lambda config: gather(config).batch("train")  # noqa: E731
-        compiled = ready.pop(program.name).result()  # which is kept while it trains
+        compiled = ready.pop(program.name)  # which is kept while it trains
         done, saved_files = learn_policies(program, compiled, learned, shown, run, progress, echo)
         if program.name in played:
+            count = len(program.rows)
+            phase = progress.phase("playing all variants", total=count, unit="policies")
             variants.finish(played[program.name].result(), program, plan, run)
+            phase.update(count)
         run.finish_phase(program.name, done, saved_files)
+        _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)
         written()
 
     with ahead.compiling() as pool:
@@ -230,6 +244,15 @@ def _note(failed: dict[int, str], rows: Iterable[Row], error: Exception) -> None
         first = f"{type(error).__name__}: {first}"[:300]
     for row in rows:
         failed.setdefault(row.cell, first)
+
+
+def _note_seeds(
+    failed: dict[int, str], rows: Sequence[Row], sentences: Mapping[Any, str], first_seed: int
+) -> None:
+    """Notes the seeds that diverged, by their place among rows; the others of a row have not."""
+    for place, said in sentences.items():
+        row = rows[int(place)]
+        failed.setdefault(row.cell, f"seed {first_seed + row.seed}: {said}")
 
 
 def _with_demonstrations(rows: list[Row], gather: Gather, failed: dict[int, str]) -> list[Row]:

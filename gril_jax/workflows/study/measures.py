@@ -26,6 +26,7 @@ from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import setup, vocabulary
 from gril_jax.workflows.build.demonstrations import Demonstrations
+from gril_jax.workflows.learning import diverged
 from gril_jax.workflows.learning.encoders import stack
 
 from .rewards import TrainedReward, reward_key, task_key
@@ -94,8 +95,10 @@ def tasks(
     def do(name: str, one: Measure, members: list[Row], ready: Future[Any] | None) -> None:
         phase = progress.phase(f"measuring {name}", total=len(members), unit="rewards")
         rewards = [learned[reward_key(row.config)] for row in members]
+        lost = {i: one.diverged for i, one in enumerate(rewards) if one.diverged}
+        diverged.require_some(lost, len(rewards))
         programs = None if ready is None else ready.result()
-        run.finish_phase(name, one.measure(programs, members[0].config, rewards))
+        run.finish_phase(name, _kept(one.measure(programs, members[0].config, rewards), rewards))
         phase.update(len(members))
         then()
 
@@ -113,6 +116,19 @@ def tasks(
         work = functools.partial(do, name, one, of_row, ready)
         found.append(ahead.Task(name, ready, needs(of_row), work, of_row))
     return found
+
+
+def _kept(found: Mapping[str, Any], rewards: Sequence[TrainedReward]) -> dict[str, Any]:
+    """What was measured, with None for rewards that diverged."""
+
+    def known(values: Any) -> Any:
+        numbers = isinstance(values, list) and all(isinstance(x, float | int) for x in values)
+        if not numbers or len(values) != len(rewards):
+            return values
+        pairs = zip(values, rewards, strict=True)
+        return [None if of.diverged else value for value, of in pairs]
+
+    return {name: known(values) for name, values in found.items()}
 
 
 # --- what needs neither stages nor failures
@@ -200,13 +216,15 @@ class Files(Measure):
         words = vocabulary.of_task(env, config.env.name)
         out = root(self.run) / "rewards"
         out.mkdir(parents=True, exist_ok=True)
+        encoder = setup.encoder_config(config, len(words.classes))
         rule = {x: getattr(config.pool, x) for x in ("tau", "window", "smoothing", "noise")}
-        names = [f"{stem}-{config.run.seed + i}" for i in range(len(found))]
-        for name, one in zip(names, found, strict=True):
+        sound = {i: one for i, one in enumerate(found) if not one.diverged}
+        names = {i: f"{stem}-{config.run.seed + i}" for i in sound}
+        for i, one in sound.items():
             save_reward(
-                out / f"{name}.npz", one.params, setup.encoder_config(config, len(words.classes)),
+                out / f"{names[i]}.npz", one.params, encoder,
                 classes=words.classes, robots=words.robots, objects=words.objects, activity=rule,
                 half_extent=words.half_extent, unit=words.unit,
                 provenance={"kendall_tau": one.tau, "seed": config.run.seed}, overwrite=True,
             )  # fmt: skip
-        return {"files": names}
+        return {"files": [*names.values()]}

@@ -163,7 +163,7 @@ def starts(program: Program) -> dict[str, Counted]:
 
 def learn_policies(
     program: Program,
-    ready: policies.Compiled,
+    ready: Future[policies.Compiled],
     rewards: Mapping[Hashable, TrainedReward],
     demos: Callable[[RunConfig], DemoBatch],
     run: Run,
@@ -184,11 +184,12 @@ def learn_policies(
     for said in dict.fromkeys(map(policy_rewards.stages_note, configs, each)):
         if said:
             echo(said)
-    # Each process has learned rewards; rounding may have driven them apart.
-    params = hosts.same_everywhere(stack(each))
     plan, where = program.plan, _tasks_of_parts(program)
     total = plan.updates * plan.steps * len(rows)
     phase = progress.phase(f"learning {len(rows)} policies", total=total, unit="env steps")
+    compiled = ready.result()  # the phase shows that it compiles
+    # Each process has learned rewards; rounding may have driven them apart.
+    params = hosts.same_everywhere(stack(each))
 
     def row(done: int, found: Any) -> dict[str, Any]:
         scores, steps = found[1], plan.done(done) * plan.steps * len(rows)
@@ -200,8 +201,10 @@ def learn_policies(
         return _by_start(where, scores)
 
     done = policies.train(
-        ready, params, plan, configs[0], name=program.name, run=run, echo=echo, row=row
-    )
+        compiled, params, plan, configs, name=program.name, run=run, echo=echo, row=row,
+        tick=lambda steps: phase.update(steps * len(rows)),
+        wrong={i: one.diverged for i, one in enumerate(learned) if one and one.diverged},
+    )  # fmt: skip
     trained = hosts.gathered(done.policy)
     saved = run.save_part(f"policies/{program.name}", done.env_steps, trained)
     results = {
@@ -209,6 +212,8 @@ def learn_policies(
         "taus": [found and found.tau for found in learned],
         "starts": {variant: found._asdict() for variant, found in starts(program).items()},
     }
+    if done.diverged:  # by the place of the policy
+        results["diverged"] = {str(place): said for place, said in sorted(done.diverged.items())}
     return results, saved
 
 

@@ -160,7 +160,10 @@ def _measured(
                     yield (cell, seed), known
     for phase, done in phases.items():
         if phase.startswith("variants-"):
+            lost = phases[phase.removeprefix("variants-")].get("diverged", {})
             for i, (cell, seed) in enumerate(done["rows"]):
+                if str(i) in lost:
+                    continue
                 yield (cell, seed), {what: x[i] for what, x in done["numbers"].items()}
 
 
@@ -196,6 +199,8 @@ def curves(folder: Path, phases: Mapping[str, Mapping[str, Any]]) -> list[Curve]
         steps = np.array([line["env_steps"] for line in lines], float)
         starts = {variant: Counted(**x) for variant, x in done.get("starts", {}).items()}
         for i, ((cell, seed), tau) in enumerate(zip(done["rows"], done["taus"], strict=True)):
+            if str(i) in done.get("diverged", {}):
+                continue
             own = {name: x[:, i] for name, x in values.items()}
             found.append(Curve(cell, seed, tau, steps, own, starts))
     return sorted(found, key=lambda curve: (curve.cell, curve.seed))

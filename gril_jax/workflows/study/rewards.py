@@ -18,12 +18,15 @@ from .saved import Row, learns
 
 
 class TrainedReward(NamedTuple):
-    """A learned reward, its tau and its demonstrations."""
+    """A learned reward, its tau and its demonstrations.
+
+    One that diverged has the numbers of another one, which are not to be used."""
 
     params: reward.RewardParams
     tau: float
     demos: DemoBatch
     num_classes: int
+    diverged: str | None = None  # a sentence if it did
 
 
 def reward_key(config: RunConfig) -> Hashable:
@@ -46,7 +49,7 @@ class Wanted(NamedTuple):
 
     name: str  # of their phase, and of the task that learns them
     keys: list[Hashable]
-    config: RunConfig  # of one of them
+    configs: list[RunConfig]  # of each
     rows: list[Row]  # that have them
     demos: demonstrations.Demonstrations
     programs: encoders.Programs
@@ -70,7 +73,7 @@ def get_ready(
         demos = gather(configs[0])
         programs = encoders.compiled_for(configs, learners.learner(configs[0], demos), pool)
         of = [row for row in rows if reward_key(row.config) in members]
-        found.append(Wanted(f"reward-{number}", members, configs[0], of, demos, programs))
+        found.append(Wanted(f"reward-{number}", members, configs, of, demos, programs))
     return found
 
 
@@ -84,19 +87,18 @@ def learn(
     one: Wanted, run: Run, progress: Progress, echo: Callable[[str], None]
 ) -> dict[Hashable, TrainedReward]:
     """Trains the encoders of a program; the rewards by their keys."""
-    programs = one.programs
-    state = encoders.train(
-        programs, one.config, name=one.name, run=run, progress=progress, echo=echo,
+    trained = encoders.train(
+        one.programs, one.configs, name=one.name, run=run, progress=progress, echo=echo,
         what=f"learning {len(one.keys)} rewards",
         row=lambda metrics: {"loss": metrics.loss.mean(axis=-1)},
     )  # fmt: skip
-    trained = state, programs.data, programs.hyper
-    params = jax.device_get(programs.reward.result()(*trained))
-    tau = jax.device_get(programs.measure.result()(*trained))["tau"]
+    params, tau = jax.device_get((trained.rewards, trained.measures["tau"]))
     train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)
-    return {
-        key: TrainedReward(
-            jax.tree.map(lambda x, i=i: x[i], params), float(tau[i]), train, num_classes
-        )
-        for i, key in enumerate(one.keys)
-    }
+    lost, count = trained.diverged, len(one.keys)
+    first = next(i for i in range(count) if i not in lost)
+    found = {}
+    for i, key in enumerate(one.keys):
+        at = first if i in lost else i
+        of = jax.tree.map(lambda x, at=at: x[at], params)
+        found[key] = TrainedReward(of, float(tau[at]), train, num_classes, lost.get(i))
+    return found

@@ -14,6 +14,7 @@ from gril_jax.config import EncoderOptions, LossConfig, PretrainConfig, RunConfi
 from gril_jax.config.files import load
 from gril_jax.encoders.ensemble import split
 from gril_jax.errors import ConfigError
+from gril_jax.pretraining.pretrain import Part
 from gril_jax.workflows.build import demonstrations, learners, setup
 
 SEEDS, MEMBERS = 2, 2
@@ -35,6 +36,11 @@ DEMOS = _MadeUp(
 )
 
 
+def _whole(one):
+    """All updates of a step."""
+    return Part(one.metrics, jnp.int32(0), jnp.int32(one.static.updates))
+
+
 @pytest.fixture(scope="module")
 def trained():
     """A step of the ensembles of several seeds, as a sweep makes it."""
@@ -45,7 +51,7 @@ def trained():
     @jax.vmap
     def train(key):
         fresh = one.init(key, one.data)
-        state, metrics = one.step(fresh, one.data, hyper)
+        state, metrics = one.step(fresh, one.data, hyper, _whole(one))
         measured = one.measure(state, one.data, hyper)
         return fresh, state, metrics, one.reward(state, one.data, hyper), measured
 
@@ -77,7 +83,7 @@ def test_a_member_is_trained_as_a_network_by_itself(trained):
     losses = []
     for k in range(MEMBERS):
         before, after = jax.tree.map(lambda x, k=k: x[1, k], (fresh, state.params))
-        lone, found = one.step(before, one.data, hyper)
+        lone, found = one.step(before, one.data, hyper, _whole(one))
         losses.append(found.loss)
         for a, b in zip(*map(jax.tree.leaves, (lone.params, after)), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-5)

@@ -1,6 +1,8 @@
 """When a training without a fixed length ends, and which policy it keeps."""
 
 import dataclasses
+import itertools
+import random
 import signal
 
 import jax
@@ -13,11 +15,13 @@ from support import own_task
 from gril_jax.config import EnvConfig
 from gril_jax.config.files import load
 from gril_jax.config.grid import with_seed
-from gril_jax.runs import run_dir
+from gril_jax.errors import RunError
+from gril_jax.runs import pace, run_dir
 from gril_jax.runs.checkpoints.state_leaves import digest
 from gril_jax.runs.interrupt import Interrupted
 from gril_jax.workflows.build import policy_setup, setup
 from gril_jax.workflows.learning import policies, stopping
+from gril_jax.workflows.study.recipe import changed
 
 
 def _watched(success, value=None):
@@ -100,14 +104,19 @@ run: {reward: environmental, evaluations: 3, updates_per_chunk: 1, checkpoint_ev
 """
 
 
-def _trained(folder, out, *, cut=None):
-    """A training without a fixed length, that a signal may cut off after so many chunks."""
+def _trained(folder, out, *, cut=None, call=None, rates=(3e-4, 3e-4)):
+    """A training of two policies without a fixed length, that a signal may cut off after so many
+    chunks, or calls."""
     config = load(str(folder / "small.yaml"))
     config = dataclasses.replace(config, env=EnvConfig(name=f"{folder / 'my_task.py'}:make"))
     config = dataclasses.replace(config, run=dataclasses.replace(config.run, max_steps=3200))
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     plan = policies.plan_of(config, algorithm)
-    tasks, seeds = policies.tasks_to_evaluate(config, algorithm), [config, with_seed(config, 1)]
+    tasks = policies.tasks_to_evaluate(config, algorithm)
+    seeds = [
+        changed(with_seed(config, seed), {"ppo.learning_rate": rate})
+        for seed, rate in enumerate(rates)
+    ]
     program = policies.compiled_for(seeds, algorithm, jax.devices(), tasks, plan)
 
     def row(done, found):
@@ -115,28 +124,46 @@ def _trained(folder, out, *, cut=None):
             signal.raise_signal(signal.SIGTERM)
         return policies.metrics_of(plan, done, found)
 
+    calls = itertools.count(1)
+
+    def tick(steps):
+        if next(calls) == call:
+            signal.raise_signal(signal.SIGTERM)
+
     opened = run_dir.resume(out) if out.exists() else run_dir.create(
         out, config, device="cpu", command=["train"], experiment="train"
     )  # fmt: skip
     with opened as run:
         return policies.train(
-            program, (), plan, config, name="ppo", run=run, echo=print, row=row
+            program, (), plan, seeds, name="ppo", run=run, echo=print, row=row,
+            tick=tick,
         )  # fmt: skip
 
 
-def test_a_training_that_is_cut_off_comes_to_the_same_end_and_policy(tmp_path):
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with a task and its configuration."""
     own_task.write(tmp_path, name="my_task.py", rewarded=(
         'metrics={"success": (jnp.abs(puck) < 0.3).all()})',
         'reward=-jnp.abs(puck).sum(), metrics={"success": jnp.array(False)})',
     ))  # fmt: skip
     (tmp_path / "small.yaml").write_text(SMALL)
     files.name(str(tmp_path / "my_task.py"))
+    return tmp_path
+
+
+def test_a_training_that_is_cut_off_comes_to_the_same_end_and_policy(folder, monkeypatch):
+    tmp_path = folder
     whole = _trained(tmp_path, tmp_path / "whole")
     assert 96 < whole.env_steps < 3200  # neither at once nor at the most
     assert all(96 <= kept <= whole.env_steps for kept in whole.kept)
+    draw = random.Random(0)
+    monkeypatch.setattr(pace, "CALL_S", 0.0)  # each call makes one move
     for cut in (2, whole.env_steps // 32 - 1):
         with pytest.raises(Interrupted):
             _trained(tmp_path, tmp_path / f"cut {cut}", cut=cut)
+        with pytest.raises(Interrupted):
+            _trained(tmp_path, tmp_path / f"cut {cut}", call=draw.randrange(1, 3))
         again = _trained(tmp_path, tmp_path / f"cut {cut}")
         assert (again.env_steps, again.kept) == (whole.env_steps, whole.kept)
         assert digest((again.policy, again.state)) == digest((whole.policy, whole.state))
@@ -144,6 +171,18 @@ def test_a_training_that_is_cut_off_comes_to_the_same_end_and_policy(tmp_path):
         assert rows[0] == rows[1]
     finished = _trained(tmp_path, tmp_path / "whole")  # nothing is left to be done
     assert digest(finished.policy) == digest(whole.policy)
+
+
+def test_where_one_of_two_policies_diverges_the_other_comes_to_what_it_would(folder):
+    whole = _trained(folder, folder / "whole")
+    found = _trained(folder, folder / "one", rates=(3e-4, 1e30))
+    assert [*found.diverged] == [1]
+    assert "at env step" in found.diverged[1]
+    first = [jax.tree.map(lambda x: x[0], one.policy) for one in (whole, found)]
+    assert found.env_steps >= whole.env_steps or digest(first[0]) == digest(first[1])
+    with pytest.raises(RunError, match="the other 1 failed, too"):
+        _trained(folder, folder / "none", rates=(1e30, 1e30))
+    assert not [*(folder / "none").glob("checkpoints/ppo/0*")]  # none would be finite
 
 
 @pytest.mark.parametrize(

@@ -124,3 +124,10 @@ def test_rows_without_a_learned_reward_or_of_pictures_are_not_measured(tmp_path)
         given = (rows, {}, none, run, pool, progress, none)
         assert measures.tasks([compiled], *given) == []
         assert [task.name for task in measures.tasks([measures.Tau()], *given)] == ["tau-1"]
+
+
+def test_a_reward_that_diverged_has_no_numbers_and_the_others_keep_theirs():
+    rewards = [TrainedReward(None, 0.5, None, 4, said) for said in (None, "it diverged", None)]
+    found = {"tau": [0.5, 0.5, 0.7], "success": [[-1.0, 0.0]], "files": ["a", "b", "c"], "n": 3}
+    kept = measures._kept(found, rewards)
+    assert kept == found | {"tau": [0.5, None, 0.7]}

@@ -32,7 +32,7 @@ def test_policies_wait_for_the_rewards_that_they_are_trained_on_and_for_no_other
     rows = [Row(i, 0, changed(RunConfig(), change)) for i, change in enumerate(kinds)]
     wanted = [
         rewards.Wanted(
-            f"reward-{i}", [rewards.reward_key(row.config)], row.config, [row], None, None
+            f"reward-{i}", [rewards.reward_key(row.config)], [row.config], [row], None, None
         )
         for i, row in enumerate((rows[0], rows[2]))
     ]

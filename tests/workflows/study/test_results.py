@@ -56,6 +56,19 @@ def _policies(run, cell, seeds):
     run.finish_phase("policy-0", {"rows": rows, "taus": taus, "starts": STARTS})
 
 
+def test_a_seed_that_diverged_is_left_out_and_the_others_of_its_row_stay(tmp_path):
+    with _begun(tmp_path / "run", {"own": (0, 1, 2)}) as made:
+        _policies(made, 0, (0, 1, 2))
+        done = made.finished_phase("policy-0") | {"diverged": {"1": "its loss is not finite"}}
+        made.finish_phase("policy-0", done)
+        numbers = {"played_score": [0.5, 0.0, 0.7]}
+        made.finish_phase("variants-policy-0", {"rows": done["rows"], "numbers": numbers})
+    found = results.read(tmp_path / "run")
+    assert [line["seed"] for line in found.lines] == [0, 2]
+    assert [line["played_score"] for line in found.lines] == [0.5, 0.7]
+    assert [curve.seed for curve in found.curves] == [0, 2]
+
+
 def _rewards(run, seeds):
     audit = {f"{name}_demo": [x, *[None] * (len(seeds) - 1)] for name, x in AUDIT.items()}
     run.finish_phase("audit-1", audit)
