@@ -12,13 +12,9 @@ or not, or their last one (a shape), or not. The statistics of each kind, in wor
 - the longest link, which tells one cluster from two. It is the widest gap on the way from each
   thing to its partners by way of others of the kind.
 
-Their weights are learned: a statistic counts as much as its range tells ends from other scenes.
-Those are the frames of the videos, and the ends with their things in each other's places. The
-weight is the logarithm of how much rarer they are in the range than ends are, of the rarer ones.
-The worst statistic has most of the cost, since a scene that lacks one feature is no end. The mean
-of all has the rest, since it has a slope wherever one of them is out.
-
-Shapes use N for objects, P for pairs, K = 5 for kinds and Q = 8 for statistics.
+Their weights are learned. A statistic's weight is the logarithm of how much rarer frames are in its
+range than ends are. Shapes use N for objects, P for pairs, K = 5 for kinds
+and Q = 8 for statistics.
 """
 
 from typing import NamedTuple
@@ -34,11 +30,9 @@ _LEVELS = 5  # quantiles: least, quarters, largest
 STATISTICS = _LEVELS + 3
 _TAIL = 0.1  # share of the ends that a range leaves out on each side
 _WIDER = 0.25  # widths of a range by which it is made wider on each side: ends are few
-_RARE = (1e-3, 1e-2)  # least shares of frames, and of exchanged ends, that are in a range
 _TELLS = 0.1  # share of the best statistic's weight below which another one does not count
 _REACH = 0.5  # world units over which the rest of a cost grows
 _NARROW = 0.25  # half boxes over which the first share of a cost grows, at least
-_WORST = 0.8  # share of the cost that is the worst statistic's; the mean's is the rest
 
 
 class Ranges(NamedTuple):
@@ -75,7 +69,6 @@ def learned(
     ends: Float[Array, "B K Q"],
     frames: Float[Array, "B T K Q"],
     share: Float[Array, "B T"],
-    exchanged: Float[Array, "B M K Q"],
     some: Bool[Array, "K"],
 ) -> Ranges:
     """Ranges of the ends of B videos, and their weights.
@@ -83,14 +76,12 @@ def learned(
     Args:
       ends, frames: statistics of last frames and of all frames.
       share: what each frame counts; they sum to 1.
-      exchanged: statistics of last frames whose things are in each other's places, in M ways.
       some: kinds of which all videos have pairs.
     """
     low, high = jnp.quantile(ends, jnp.array([_TAIL, 1.0 - _TAIL]), axis=0)
     within = lambda x: ((low <= x) & (x <= high)).astype(x.dtype)  # noqa: E731
-    often = jnp.einsum("bt,btkq->kq", share, within(frames)) + _RARE[0]
-    rarer = jnp.minimum(often, within(exchanged).mean(axis=(0, 1)) + _RARE[1])
-    tells = jnp.log((within(ends).mean(axis=0) + _RARE[0]) / rarer)
+    often = jnp.einsum("bt,btkq->kq", share, within(frames))
+    tells = jnp.log((within(ends).mean(axis=0) + 1e-3) / (often + 1e-3))
     tells = jnp.where(some[:, None] & (tells > _TELLS * tells.max()), jnp.maximum(tells, 0.0), 0.0)
     wider = _WIDER * (high - low)
     return Ranges(low - wider, high + wider, tells / jnp.maximum(tells.sum(), 1e-6))
@@ -114,8 +105,7 @@ def beyond(
         near_cost_fraction * jnp.minimum(out / scale, 1.0)
         + (1.0 - near_cost_fraction) * out / _REACH
     )
-    relative = ranges.weight / jnp.maximum(ranges.weight.max(), 1e-6)
-    return (1.0 - _WORST) * jnp.sum(ranges.weight * cost) + _WORST * jnp.max(relative * cost)
+    return jnp.sum(ranges.weight * cost)
 
 
 def nothing() -> Ranges:
