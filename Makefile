@@ -1,6 +1,7 @@
 # make demo         install, then play a trained policy and plot its learned reward
 # make quickstart   install, then videos in, trained policy out, report in runs/quickstart
 # make test         install, then check
+# make promises     install, then check each promise of docs/what_can_go_wrong.md, the slow tests included
 # make lint         ruff
 # make docs         the site in site/, warnings as errors
 # make lock         resolve requirements.lock again, and list its packages in sbom.cdx.json (needs uv)
@@ -12,7 +13,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	&& echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: demo quickstart test slow lint docs lock
+.PHONY: demo quickstart test slow promises lint docs lock
 
 demo: .venv/installed
 	$(BIN)/gril demo $(ARGS)
@@ -25,6 +26,9 @@ test: .venv/installed
 
 slow: .venv/installed
 	$(BIN)/python -m pytest -m slow
+
+promises: .venv/installed
+	$(BIN)/python -m pytest -m "slow or not slow" $$(grep -o 'tests/[a-z_/]*\.py' docs/what_can_go_wrong.md | sort -u)
 
 lint: .venv/installed
 	$(BIN)/pip install -q "ruff>=0.9"

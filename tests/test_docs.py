@@ -153,6 +153,12 @@ def _understood(line, surroundings):
 CURRENT = [path for path in PAGES if path.name != "CHANGELOG.md"]  # which names what there was
 
 
+def test_every_test_that_is_named_exists():
+    for path in CURRENT:
+        for name in re.findall(r"`[^`]*?(tests/[\w/]+\.py)", path.read_text()):
+            assert (REPOSITORY / name).exists(), f"{name} in {path}"
+
+
 def test_every_verb_that_is_named_exists():
     words = {verb for one in verbs.every() for verb in (one.name, one.name.split()[0])}
     for path in CURRENT:
