@@ -1,13 +1,17 @@
 """Plays a policy file of `gril export`; this one file and NumPy are all that a robot needs.
 
-    act = load_policy("policy.npz")
-    action = act(observation)  # one observation (O,) or many (..., O)
+    policy = load_policy("policy.npz")
+    action = policy(observation)  # one observation (O,) or many (..., O)
+
+    act = policy.episode()  # a policy that sees which objects have moved, and remembers them
+    action = act(observation_without_those_bits, center, size)
 
 A file that is damaged, cut short or edited is a ValueError of one sentence. Nothing is unpickled or
 inflated, and no array is larger than the file itself. The file's last 64 bytes, the comment
 of its zip, are the SHA-256 of all bytes before them.
 """
 
+import collections
 import hashlib
 import io
 import json
@@ -26,28 +30,60 @@ _ACTIVATIONS = {
 }
 
 
-def load_policy(path: str | os.PathLike) -> Callable[[Any], np.ndarray]:
-    """The deterministic policy of a file: act(observation (..., O)) is the action (..., A)."""
+class Policy:
+    """The deterministic policy of a file: policy(observation (..., O)) is the action (..., A)."""
+
+    def __init__(self, about: dict[str, Any], arrays: dict[str, np.ndarray]):
+        self.about = about  # the file's description
+        self._arrays = arrays
+
+    def __call__(self, observation: Any) -> np.ndarray:
+        arrays, x = self._arrays, np.asarray(observation, np.float32)
+        mean, limit = arrays["observation_mean"], arrays["observation_limit"]
+        if x.shape[-1:] != mean.shape:
+            raise ValueError(f"observation has shape {x.shape}; its last axis must be {len(mean)}")
+        x = np.clip(x - mean, -limit, limit)
+        for i, layer in enumerate(self.about["layers"]):
+            x = x @ arrays[f"kernel_{i}"] + arrays[f"bias_{i}"]
+            x = _ACTIVATIONS[layer["activation"]](x)
+        start, stop = self.about["output"]["mean"]
+        return np.tanh(x[..., start:stop])
+
+    def episode(self) -> Callable[[Any, Any, Any], np.ndarray]:
+        """The policy for one episode: act(own, center, size) is the action (A,) of a control step.
+
+        `own` (O - N,) is the observation without activity bits. `center` and `size` (N, 2) are the
+        boxes, in world units, of `about["activity"]["objects"]`. The bits are computed from them; a
+        box that is not finite has not moved. Without such bits in the file, N is 0.
+        """
+        rule = self.about.get("activity") or {"objects": [], "tau": 0.0, "window": 1}
+        count = len(rule["objects"])
+        past, active = collections.deque(maxlen=rule["window"]), np.zeros(count, bool)
+
+        def act(own, center=(), size=()):
+            center, size = (np.reshape(x, (-1, 2)).astype(np.float32) for x in (center, size))
+            if not len(center) == len(size) == count:
+                raise ValueError(
+                    f"center and size must have the {count} boxes of {rule['objects']}"
+                )
+            away = np.square(center - (past[0] if past else center)).sum(1)
+            threshold = np.float32(rule["tau"]) ** 2 * np.square(size).sum(1)
+            active[:] |= (away > threshold) & np.isfinite(away)
+            past.append(center)
+            return self(np.concatenate([np.asarray(own, np.float32), active]))
+
+        return act
+
+
+def load_policy(path: str | os.PathLike) -> Policy:
+    """The policy of a file, checked; errors are ValueErrors of one sentence."""
     about, arrays = unpack(path)
     try:
         _check_policy(about, arrays)
     except Exception as error:
         why = str(error)[:99] or type(error).__name__
         raise ValueError(f"{path} is no policy file ({why}): export it again") from None
-    mean, limit = arrays["observation_mean"], arrays["observation_limit"]
-    start, stop = about["output"]["mean"]
-
-    def act(observation: Any) -> np.ndarray:
-        x = np.asarray(observation, np.float32)
-        if x.shape[-1:] != mean.shape:
-            raise ValueError(f"observation has shape {x.shape}; its last axis must be {len(mean)}")
-        x = np.clip(x - mean, -limit, limit)
-        for i, layer in enumerate(about["layers"]):
-            x = x @ arrays[f"kernel_{i}"] + arrays[f"bias_{i}"]
-            x = _ACTIVATIONS[layer["activation"]](x)
-        return np.tanh(x[..., start:stop])
-
-    return act
+    return Policy(about, arrays)
 
 
 def unpack(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -119,6 +155,11 @@ def _check_policy(about, arrays):
     _require(type(start) is type(stop) is int and 0 <= start < stop <= size, "no such output")
     _require(about["output"]["squash"] == "tanh", "its output is squashed by no known function")
     _check_range(arrays, len(about["layers"]))
+    rule = about.get("activity")
+    if rule is not None:
+        _require(type(rule["objects"]) is list, "its objects are no list")
+        _require(type(rule["window"]) is int and 0 < rule["window"] <= 2**20, "no such window")
+        _require(type(rule["tau"]) in (int, float) and 0 <= rule["tau"] <= 1e6, "no such tau")
 
 
 def _check_range(arrays, layers):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tracemalloc
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.planted_faults import faults
@@ -15,6 +16,7 @@ from support.saved_policies import ABOUT, arrays, write
 
 from gril_jax.export.read_policy import load_policy
 from gril_jax.export.reward_format import packed
+from gril_jax.graphs import activity
 
 
 @pytest.fixture
@@ -42,6 +44,24 @@ def test_the_action_is_that_of_the_layers_written_out(file):
     act = load_policy(file)
     np.testing.assert_allclose(act(observation), wanted, rtol=1e-5)
     np.testing.assert_allclose(act(np.stack([observation] * 7))[3], wanted, rtol=1e-5)
+
+
+def test_an_episode_sees_the_activity_bits_that_training_sees(tmp_path):
+    rule = {"objects": ["green square"], "tau": 0.1, "window": 3, "start": 2, "stop": 3}
+    (tmp_path / "policy.npz").write_bytes(packed(arrays(), json.dumps(ABOUT | {"activity": rule})))
+    policy, drawn = load_policy(tmp_path / "policy.npz"), np.random.default_rng(3)
+    pushed = 0.02 * np.maximum(np.arange(12) - 4, 0)[:, None, None]
+    center = (pushed + drawn.normal(0, 0.004, (12, 1, 2))).astype(np.float32)
+    center[3] = np.nan  # lost for a frame
+    size, own = np.full((12, 1, 2), 0.3, np.float32), drawn.normal(size=(12, 2))
+    bits = activity.trajectory(jnp.asarray(center), jnp.asarray(size), tau=0.1, window=3)
+    assert 0 < bits.sum() < 12
+    act = policy.episode()
+    for t in range(12):
+        wanted = policy(np.concatenate([own[t], np.asarray(bits[t], float)]))
+        np.testing.assert_array_equal(act(own[t], center[t], size[t]), wanted)
+    with pytest.raises(ValueError, match=r"the 1 boxes of \['green square'\]"):
+        act(own[0])
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (2,), (3, 1)])
