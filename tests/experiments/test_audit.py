@@ -28,7 +28,8 @@ CONFIG = encoder.EncoderConfig(len(CLASSES), width=4, rounds=1, latent=3)
 def _params(config=CONFIG):
     rng = np.random.default_rng(0)
     shapes = jax.eval_shape(lambda key: encoder.init(key, config), jax.random.key(0))
-    params = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), jnp.float32), shapes)
+    drawn = lambda x: rng.uniform(0, 0.01, x.shape)  # variances are not negative  # noqa: E731
+    params = jax.tree.map(lambda x: jnp.asarray(drawn(x), jnp.float32), shapes)
     goal = jnp.ones(config.latent)
     return RewardParams(params, goal, jnp.float32(0.5), jnp.float32(5.0))
 
