@@ -19,6 +19,8 @@ from gril_jax.types import checked
 
 from .order import kendall_tau
 
+_ROUNDING = 1e-5  # share of the largest reward by which equal rewards may differ
+
 
 @checked
 def voc_pearson(
@@ -74,13 +76,43 @@ class TimeOrder(NamedTuple):
 def time_order(reward: Float[Array, "B T"], length: Int[Array, "B"] | None = None) -> TimeOrder:
     """The three correlations of reward and time, each a mean over videos.
 
+    Frames in which nothing moves have one reward, up to rounding. Rank correlations of such frames
+    would be those of the rounding, so rewards are compared after `merge_ties`.
+
     Args:
       reward: of each frame of each video.
       length: frames before padding; all if left out.
     """
     length = jnp.full(reward.shape[0], reward.shape[1]) if length is None else length
+    reward = jax.vmap(merge_ties)(reward, length)
     each = (jax.vmap(one)(reward, length) for one in (voc_pearson, voc_spearman, kendall_tau))
     return TimeOrder(*(jnp.mean(x) for x in each))
+
+
+@checked
+def merge_ties(
+    reward: Float[Array, "T"], length: Int[Array, ""] | int | None = None
+) -> Float[Array, "T"]:
+    """The rewards, with those that differ by rounding alone made equal: the lowest of them.
+
+    In order of size, two neighbours are equal if they differ by at most 1e-5 of the largest
+    absolute reward. Padding becomes infinite.
+
+    >>> merge_ties(jnp.array([-1.0, -0.9999999, -0.5])).tolist()
+    [-1.0, -1.0, -0.5]
+
+    Args:
+      reward: of each frame, in any unit.
+      length: how many frames count; all if left out.
+    """
+    counted = _counted(reward, length)
+    kept = jnp.where(counted, reward, jnp.inf)
+    order = jnp.argsort(kept)
+    ranked = kept[order]
+    near = _ROUNDING * jnp.max(jnp.where(counted, jnp.abs(reward), 0.0))
+    begins = jnp.concatenate([jnp.ones(1, bool), jnp.diff(ranked) > near])
+    first = jax.lax.cummax(jnp.where(begins, jnp.arange(len(ranked)), 0))
+    return jnp.zeros_like(ranked).at[order].set(ranked[first])
 
 
 def _counted(reward, length):

@@ -45,8 +45,8 @@ def measured(
     films, held = learner.films(names), len(demos.names["validation"])
     known = (
         films.length,
-        np.array([one.trimmed for one in entries], np.int32),
-        np.array([rank(one) for one in entries], np.int32),
+        jnp.array([one.trimmed for one in entries], jnp.int32),
+        jnp.array([rank(one) for one in entries], jnp.int32),
     )
 
     def one(params: RewardParams) -> dict[str, float]:

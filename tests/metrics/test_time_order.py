@@ -58,6 +58,21 @@ def test_ranks_see_the_order_alone_and_pearson_the_shape():
     assert 0.3 < metrics.voc_pearson(steep) < 0.7
 
 
+def test_rounding_breaks_no_ties():
+    draw = np.random.default_rng(0)
+    steps = np.repeat([-1.0, -0.7, -0.2, 0.0], [15, 6, 4, 5])
+    noisy = jnp.asarray(steps + 1e-6 * draw.normal(size=30), jnp.float32)
+    padded = jnp.pad(noisy, (0, 4), constant_values=jnp.nan)
+    merged = jax.jit(metrics.merge_ties)(padded, 30)
+    np.testing.assert_allclose(merged[:30], steps, atol=1e-5)
+    assert len(np.unique(merged[:30])) == 4
+    exact, found = (metrics.time_order(x[None]) for x in (jnp.asarray(steps, jnp.float32), noisy))
+    np.testing.assert_allclose(found, exact, atol=1e-5)
+    assert exact.reward_time_tau - metrics.kendall_tau(noisy) > 0.1  # what rounding would do
+    distinct = _traces(1000)[0][0]
+    np.testing.assert_array_equal(metrics.merge_ties(distinct), distinct)
+
+
 def test_the_order_of_several_videos_is_the_mean_over_them():
     reward, length = _traces(3)
     found = jax.jit(metrics.time_order)(reward, length)

@@ -119,7 +119,7 @@ def tasks(
 
 
 class Tau(Measure):
-    """Kendall's tau on demonstrations kept aside, which each reward has from its training."""
+    """The alignment tau on demonstrations kept aside, which each reward has from its training."""
 
     name = "tau"
 
