@@ -84,11 +84,11 @@ class _Export:
 
 def _export(given: _Export) -> Work:
     folder, out = Path(given.run), Path(given.out)
+    if given.progress is not None and given.what != "reward":
+        raise ConfigError("--progress is of the reward, but --what is policy")
     config = run_config_of(folder, given.what, task=given.task)
     require_new_file(out)
     if given.progress is not None:
-        if given.what != "reward":
-            raise ConfigError("--progress is of the reward, but --what is policy")
         return experiment("export_progress", folder, out, Path(given.progress), devices=True)
     if given.what == "reward":
         return experiment("export_reward", folder, out)
