@@ -106,8 +106,10 @@ def test_a_file_of_a_reward_is_audited_with_its_videos(home, tmp_path, capsys):
         json.loads((tmp_path / name / "audit.json").read_text())
         for name in ("of_run", "kitchen-audit")
     )
-    figures = [of_run.pop(name) for name in VIDEOS]
-    assert figures == [of_file.pop(name) for name in VIDEOS]
+    along = [x + end for x in ("voc_pearson", "voc_spearman") for end in ("", "_tails")]
+    figures = [of_run.pop(name) for name in (*VIDEOS, *along)]
+    assert figures == [of_file.pop(name) for name in (*VIDEOS, *along)]
+    assert "voc_spearman" in capsys.readouterr().out
 
 
 def test_a_run_is_found_wherever_it_and_its_videos_are(home, tmp_path, monkeypatch, capsys):

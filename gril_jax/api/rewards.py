@@ -23,7 +23,7 @@ from gril_jax.runs.memory import MemoryRun
 from gril_jax.runs.progress import Progress
 from gril_jax.types import checked
 from gril_jax.workflows import audit as audits
-from gril_jax.workflows import export_reward, film_audit
+from gril_jax.workflows import export_reward, film_audit, held_out
 from gril_jax.workflows.build import demonstrations, learners, setup, vocabulary
 from gril_jax.workflows.learning import diverged, encoders
 from gril_jax.workflows.subtasks import report as subtask_report
@@ -117,7 +117,7 @@ class Audit:
     verdict: str
     """A sentence, with the reasons if the reward fails."""
     lines: tuple[str, ...]
-    """One line a figure, with its threshold."""
+    """One line a figure, with its threshold if it has one."""
     kind: str
     """"task", or "videos" if no state was searched."""
     misranked: Mapping[str, float]
@@ -144,8 +144,8 @@ def audit_reward(
     Args:
       reward: of boxes.
       task: by name or from `make`; its states are searched if it has stages.
-      demos: without a task, or for one without stages: the demonstrations around whose ends scenes
-        are made up.
+      demos: rewards are measured along held-out ones. Without a task, or for one without stages,
+        scenes are made up around their ends.
       preset: the configuration that the reward was learned with, where `demos` are given.
       ascents: gradient searches, shared by the starts; without a task: states to make up.
       starts: first scenes to begin from.
@@ -169,7 +169,12 @@ def audit_reward(
                 reward, chosen, "the reward", ascents=ascents, starts=starts, seed=seed
             )
             misranked = {kind: share for kind, (share, _) in findings.shortfalls().items()}
-            return _audit("task", findings.numbers(), misranked)
+            along = {}
+            if demos is not None:
+                along = held_out.measured(*_of_demos(reward, demos, preset, task), [reward.params])[
+                    0
+                ]
+            return _audit("task", findings.numbers() | along, misranked)
         if demos is None:
             raise ConfigError(
                 f"the task {chosen.shown_name} has no `stages`, so its audit is that of the videos "
@@ -182,13 +187,15 @@ def audit_reward(
     config, shown = _of_demos(reward, demos, preset, task)
     trained = film_audit.training_of(reward)
     made = film_audit.measured(config, reward.params, shown, trained, scenes=ascents, seed=seed)
-    return _audit("videos", made.numbers, {})
+    along = held_out.measured(config, shown, [reward.params])[0]
+    return _audit("videos", made.numbers | along, {})
 
 
 def _audit(kind: str, numbers: Mapping[str, Any], misranked: Mapping[str, float]) -> Audit:
     known = {name: float(value) for name, value in numbers.items() if value is not None}
     found = Audited(kind, known, next(iter(misranked), ""))
-    return Audit(known, found.passes, found.sentence(), tuple(found.lines()), kind, misranked)
+    lines = (*found.lines(), *held_out.lines(numbers))
+    return Audit(known, found.passes, found.sentence(), lines, kind, misranked)
 
 
 @dataclasses.dataclass(frozen=True)

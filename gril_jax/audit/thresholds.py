@@ -69,7 +69,7 @@ VIDEOS: Table = {
         "missing boxes",
     ),
     "tau": Threshold(
-        "at least", 0.6, "Kendall's tau", "alignment of held-out videos in time", "tau"
+        "at least", 0.6, "alignment tau", "alignment of held-out videos in time", "alignment tau"
     ),
     "consistency": Threshold(
         "at most", 0.05, "squared share of a video", "loss that aligns videos, at the end of "

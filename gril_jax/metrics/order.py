@@ -91,15 +91,6 @@ def mean_alignment_tau(
 
 
 @checked
-def reward_time_tau(
-    reward: Float[Array, "T"], length: Int[Array, ""] | int | None = None
-) -> Float[Array, ""]:
-    """Kendall's tau-b between a reward trace and time: 1 if it rises with every frame; a ShapeError
-    unless the trace has one axis."""
-    return kendall_tau(reward, length)
-
-
-@checked
 def two_way_cycle_consistency(
     latents: Float[Array, "B T D"], length: Int[Array, "B"] | None = None, *, tolerance: int = 1
 ) -> Float[Array, ""]:

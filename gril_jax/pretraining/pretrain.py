@@ -255,7 +255,7 @@ def figures(
     last = jnp.take_along_axis(rewards, length[:, None] - 1, axis=1)
     return {
         "tau": metrics.mean_alignment_tau(latents, length),
-        "reward_time_tau": jnp.mean(jax.vmap(metrics.reward_time_tau)(rewards, length)),
+        "reward_time_tau": metrics.time_order(rewards, length).reward_time_tau,
         "reward_first": jnp.mean(rewards[:, 0]),
         "reward_last": jnp.mean(last),
     }

@@ -163,7 +163,9 @@ def write_report(folder: Path, found: Findings, results: Mapping[str, Any], *, t
             "Pairs in order, by what was changed": _texts(results["factor_accuracy"]),
             "Largest rise by one object at a place without progress, share of the range":
                 _texts(results["alone_share"]),
-            "All numbers": _texts(found.numbers()),
+            "All numbers": _texts({
+                name: x for name, x in results.items() if x is None or type(x) in (int, float)
+            }),
         },
         listings={"audit.json": json.dumps(results, indent=2)},
     )  # fmt: skip

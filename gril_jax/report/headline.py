@@ -40,7 +40,7 @@ def verdict(results: Mapping[str, Any]) -> Verdict:
     known = rates(results)
     if "success" not in known:
         tau = number(results, "tau", WHERE)
-        said = "" if tau is None else f": Kendall's tau on held-out demonstrations is {tau:.3f}"
+        said = "" if tau is None else f": alignment tau on held-out demonstrations is {tau:.3f}"
         audited = audit_of(results)
         if audited is None:
             return Verdict("open", f"A reward was learned{said}.")
@@ -74,7 +74,7 @@ def headline(results: Mapping[str, Any]) -> list[Tile]:
     """Tiles of the numbers in `results.json`; missing numbers have none."""
     get = functools.partial(number, results, where=WHERE)
     others = (
-        (get("tau"), ".3f", "Kendall's tau of the alignment",
+        (get("tau"), ".3f", "alignment tau",
          "on demonstrations kept aside; 1 is perfect, 0 is chance"),
         (get("reward_time_tau"), ".3f", "Kendall's tau of reward and time",
          "1 if the reward never falls along a demonstration"),

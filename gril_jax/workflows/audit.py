@@ -4,7 +4,8 @@ gril audit RUN                      a run's reward, under a minute on two CPU co
 gril audit reward.npz --out found   a reward file
 
 A reward passes the audit if each figure keeps its threshold in `gril_jax.audit.thresholds`. A
-task without stages does not say what progress is: its audit is that of the videos alone.
+task without stages does not say what progress is: its audit is that of the videos alone. With
+videos, those of a run or of `--demos`, rewards along them are measured, too (`held_out`).
 """
 
 import dataclasses
@@ -27,6 +28,7 @@ from gril_jax.audit.states import SUCCESS
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.tables import ENCODERS
 from gril_jax.config.task import NO_TASK
+from gril_jax.demos import schema
 from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
@@ -35,11 +37,11 @@ from gril_jax.report.audit_page import Findings
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
 from gril_jax.runs.checkpoints import state_leaves
-from gril_jax.runs.json_lines import with_digest
+from gril_jax.runs.json_lines import plain, with_digest
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import write_whole
-from gril_jax.workflows import export_reward, film_audit
-from gril_jax.workflows.build import setup
+from gril_jax.workflows import export_reward, film_audit, held_out
+from gril_jax.workflows.build import demonstrations, setup
 
 
 def main(
@@ -68,22 +70,25 @@ def main(
     asked = {"seed": seed, "ascents": ascents}
     found: Findings | film_audit.Findings
     if source.is_dir():
-        learned, found, about = _of_run(source, task, demos, variant, starts, **asked)
+        learned, found, videos, about = _of_run(source, task, demos, variant, starts, **asked)
     else:
-        learned, found, about = _of_file(source, task, demos, variant, starts, **asked)
+        learned, found, videos, about = _of_file(source, task, demos, variant, starts, **asked)
+    along = {} if videos is None else held_out.measured(*videos, [learned.params])[0]
     settings = {"source": str(source), "seed": seed} | about
     settings["reward_sha256"] = state_leaves.digest(learned.params)
-    results = found.as_json() | {"settings": settings}
+    results = found.as_json() | plain(along) | {"settings": settings}
     with run_dir.writing(out):
         out.mkdir(parents=True, exist_ok=True)
         write_whole(out / "audit.json", with_digest(results) + "\n")
     page = found.write_report(out, results, title=f"Audit of {source.name}")
-    for line in (*found.in_words(), f"report: {page}"):
+    for line in (*found.in_words(), *held_out.lines(results), f"report: {page}"):
         echo(line)
     return results
 
 
-Audited = tuple[LearnedReward, Findings | film_audit.Findings, dict[str, Any]]
+# The reward, its audit, the videos to measure it on with their configuration, and what was done.
+Videos = tuple[RunConfig, demonstrations.Demonstrations]
+Audited = tuple[LearnedReward, Findings | film_audit.Findings, Videos | None, dict[str, Any]]
 
 
 def _of_run(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
@@ -95,9 +100,14 @@ def _of_run(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
     setup.require_boxes(config, "an audit, which moves boxes")
     learned = export_reward.of_run(source)
     if not has_stages(config.env):
-        found = film_audit.of_run(source, config, scenes=ascents, seed=seed)
-        return learned, found, {"scenes": found.numbers["scenes"]}
-    return _searched(learned, config.env, source, variant, starts, ascents, seed)
+        alone = film_audit.of_run(source, config, scenes=ascents, seed=seed)
+        return learned, alone, (config, alone.demos), {"scenes": alone.numbers["scenes"]}
+    found, about = _searched(learned, config.env, source, variant, starts, ascents, seed)
+    folder = Path(config.demos.path or source / "demos")
+    if not (folder / schema.HEADER).is_file():
+        return learned, found, None, about
+    shown = demonstrations.chosen(config, setup.task_of(config.env), folder)
+    return learned, found, (config, shown), about
 
 
 def _of_file(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
@@ -105,23 +115,27 @@ def _of_file(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
     learned = load_reward(source)
     if isinstance(learned.config, PixelConfig):
         raise ConfigError(f"{source} takes pictures, but an audit moves boxes")
-    chosen = None
-    if task is not None or demos is None:
-        chosen = env_of(learned, task)
-        if has_stages(chosen):
-            return _searched(learned, chosen, source, variant, starts, ascents, seed)
-    if demos is None:
+    chosen = env_of(learned, task) if task is not None or demos is None else None
+    videos = None
+    if demos is not None:
+        videos = film_audit.with_demos(learned, chosen, load_demo_set(demos), str(source))
+    if chosen is not None and has_stages(chosen):
+        found, about = _searched(learned, chosen, source, variant, starts, ascents, seed)
+        return learned, found, videos, about
+    if videos is None:
         raise ConfigError(
             f"the task {chosen.name} has no `stages`, so its audit is that of the videos alone: "
             "name them with --demos"
         )
-    found = film_audit.of_file(
-        learned, chosen, load_demo_set(demos), str(source), scenes=ascents, seed=seed
-    )
-    return learned, found, {"scenes": found.numbers["scenes"], "demos": str(demos)}
+    config, shown = videos
+    trained = film_audit.training_of(learned)
+    alone = film_audit.measured(config, learned.params, shown, trained, scenes=ascents, seed=seed)
+    return learned, alone, videos, {"scenes": alone.numbers["scenes"], "demos": str(demos)}
 
 
-def _searched(learned, chosen: EnvConfig, source, variant, starts, ascents, seed) -> Audited:
+def _searched(
+    learned: LearnedReward, chosen: EnvConfig, source, variant, starts, ascents, seed
+) -> tuple[Findings, dict[str, Any]]:
     with Progress() as progress:
         phase = progress.phase("auditing the reward", total=ascents, unit="searches")
         found = search(
@@ -130,7 +144,7 @@ def _searched(learned, chosen: EnvConfig, source, variant, starts, ascents, seed
         phase.update(ascents)
     counted = math.prod(found.audit.found.reward.shape[:2])
     about = {"ascents": counted, "starts": starts, "variant": variant or _variant(chosen)}
-    return learned, found, about
+    return found, about
 
 
 def has_stages(chosen: EnvConfig) -> bool:

@@ -40,7 +40,7 @@ def _tell(config: RunConfig, verb: str, progress: Progress, echo: Callable[[str]
     env = setup.task_of(config.env)
     demonstrations.require_usable(config, env)
     if config.run.audit and verb == "train" and env is not None:
-        audit.require_possible(config, env)
+        audit.require_possible(config)
     demos, classes = _demonstrations(config, env, echo)
     took, steps = 0.0, f"reward: {config.pretrain.steps:,} gradient steps"
     if ENCODERS[config.encoder.kind].boxes:

@@ -93,16 +93,10 @@ def of_run(folder: Path, config: RunConfig, *, scenes: int, seed: int) -> Findin
     return measured(config, params, demos, known, scenes=scenes, seed=seed)
 
 
-def of_file(
-    learned: LearnedReward,
-    task: EnvConfig | None,
-    demo_set: DemoSet,
-    source: str,
-    *,
-    scenes: int,
-    seed: int,
-) -> Findings:
-    """The audit of a reward with a set of demonstrations, of a task without stages or of none.
+def with_demos(
+    learned: LearnedReward, task: EnvConfig | None, demo_set: DemoSet, source: str
+) -> tuple[RunConfig, demonstrations.Demonstrations]:
+    """The configuration of a reward file, and the demonstrations of a set as that has them.
 
     Raises ConfigError or DemoError if they do not fit together; `source` names the reward.
     """
@@ -112,9 +106,7 @@ def of_file(
     config = vocabulary.fitted_to_set(config, demo_set)
     demos = demonstrations.of_set(config, setup.task_of(config.env), demo_set)
     require_same_classes(learned, demos.demo_set)
-    config = export_reward.with_choices(config, learned, source)
-    trained = training_of(learned)
-    return measured(config, learned.params, demos, trained, scenes=scenes, seed=seed)
+    return export_reward.with_choices(config, learned, source), demos
 
 
 def require_same_classes(learned: LearnedReward, demos: DemoSet) -> None:
@@ -175,7 +167,6 @@ def measured(
         )
     pick = lambda scene, at: jax.tree.map(lambda x: np.asarray(x[at]), scene)  # noqa: E731
     numbers = {
-        "held_out": len(held.length),
         "range": float(spread),
         "touch_share": float(jnp.mean(touched - first) / spread),
         "scenes": int(amiss.sum()),
@@ -184,7 +175,7 @@ def measured(
         "missing_share": missing_share(demos),
         "worst_end": float(last.min()),
         "best_amiss": float(reward.max()),
-        **{name: trained.get(name) for name in ("tau", "reward_time_tau", "consistency")},
+        **{name: trained.get(name) for name in ("tau", "consistency")},
     }
     if config.loss.consistency not in _OF_TIMES:
         numbers["consistency"] = None

@@ -95,7 +95,7 @@ def main(
         results = learn(run, demos)
         run.dir.finish(results)
     page = run_report.write_report(run.path)
-    echo(f"Kendall's tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
+    echo(f"alignment tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
     return run.path
 
 

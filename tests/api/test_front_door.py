@@ -111,7 +111,8 @@ def test_the_command_line_learns_the_same_reward_and_policy(home, rewards, task,
     ours = gril.audit_reward(reward, name, demos=gril.load_demos(home / "set"), **options)
     assert (ours.kind, ours.passed, ours.verdict) == ("videos", found["passed"], found["verdict"])
     assert "no state was searched" in ours.verdict.lower()
-    for figure in ("touch_share", "misranked_share", "best_amiss_share", "tau", "consistency"):
+    for figure in ("touch_share", "misranked_share", "best_amiss_share", "tau", "consistency",
+                   "voc_pearson", "voc_spearman_tails", "reward_time_tau"):  # fmt: skip
         assert ours.figures[figure] == pytest.approx(found[figure], abs=1e-6)
     with pytest.raises(ConfigError, match=r"my_task has no `stages`, .* demos=\.\.\."):
         gril.audit_reward(reward, name)

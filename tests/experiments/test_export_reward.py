@@ -9,6 +9,7 @@ from support.run_folders import save_run
 from support.saved_rewards import made
 
 from gril_jax import envs
+from gril_jax.cli import main
 from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
 from gril_jax.errors import RunError
 from gril_jax.export.reward_file import RewardFileError, load_reward
@@ -51,3 +52,11 @@ def test_a_run_without_a_reward_is_refused(tmp_path):
     folder = save_run(tmp_path / "one", config=CONFIG, ppo=0)
     with pytest.raises(RunError, match="has no reward"):
         export_reward.main(folder, tmp_path / "reward.npz")
+
+
+def test_progress_is_of_a_reward_and_of_a_lerobot_dataset(run, tmp_path, capsys):
+    asked = ["export", str(run[0]), "--progress", str(tmp_path), "--out", str(tmp_path / "p")]
+    assert main.main([*asked, "--what", "policy"]) == 2
+    assert "--progress is of the reward, but --what is policy" in capsys.readouterr().err
+    assert main.main(asked) == 2
+    assert "must be the folder of a LeRobot dataset" in capsys.readouterr().err

@@ -15,6 +15,7 @@ from gril_jax.demos.vision.timed import pictures
 from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.export.lerobot import annotate
+from gril_jax.export.lerobot_progress import Trace, write_progress
 
 pa = pytest.importorskip("pyarrow")
 CAMERA = "observation.images.front"
@@ -274,3 +275,49 @@ def test_a_dataset_without_boxes_is_said(tmp_path):
     found = dataset(tmp_path / "data", feature=False)
     with pytest.raises(DemoError, match=r"the dataset has no boxes; .* boxes/episode_000000\.csv"):
         lerobot.boxes_in(found)(lerobot.films(found, CAMERA)[0])
+
+
+# --- progress
+
+
+def _indexed(folder):
+    """A dataset whose rows have the index that LeRobot gives them, but not in that order."""
+    made = dataset(folder)
+    rows = [row for number, told in enumerate(STORIES) for row in frames_of(number, told)]
+    numbered = [row | {"index": i} for i, row in enumerate(rows)]
+    write(folder / "data/chunk-000/file-000.parquet", numbered[::-1])
+    return made, rows
+
+
+def test_progress_has_the_columns_that_lerobot_weighs_samples_by(tmp_path):
+    made, rows = _indexed(tmp_path / "data")
+    # Half the frames of episode 1, without its end; episode 0 was not among the videos.
+    time = np.arange(0, 1.5, 0.2)
+    trace = Trace(np.linspace(-1.2, -0.1, len(time)).astype(np.float32), time)
+    out = tmp_path / "sarm_progress.parquet"
+    own = [row["frame_index"] for row in rows if row["episode_index"] == 1]
+    found = write_progress(made, out, {"episode_000001": trace}, source="run")
+    assert found == (len(own), len(rows))
+    table = lerobot.parquet().read_table(out)
+    assert table.schema.metadata[b"reward_model_path"] == b"run"
+    kinds = {name: str(table.schema.field(name).type) for name in table.column_names}
+    assert kinds == {
+        "index": "int64", "episode_index": "int64", "frame_index": "int64",
+        "progress_sparse": "float",
+    }  # fmt: skip
+    assert table["index"].to_pylist() == list(range(len(rows)))
+    values = np.array(table["progress_sparse"].to_pylist())
+    mine = np.array(table["episode_index"].to_pylist()) == 1
+    assert np.isnan(values[~mine]).all()
+    expected = np.clip(1 + np.interp(np.array(own) / 10, *trace[::-1]), 0, 1)
+    np.testing.assert_allclose(values[mine], expected, atol=1e-6)
+    assert values[mine][0] == 0
+    np.testing.assert_allclose(values[mine][-1], 0.9, atol=1e-6)  # held to the end
+
+
+def test_progress_of_other_videos_is_refused_and_nothing_is_written(tmp_path):
+    made, _ = _indexed(tmp_path / "data")
+    trace = Trace(np.zeros(2, np.float32), np.arange(2.0))
+    with pytest.raises(DemoError, match="none of its episodes is among the run's videos"):
+        write_progress(made, tmp_path / "p.parquet", {"kitchen": trace}, source="run")
+    assert not (tmp_path / "p.parquet").exists()

@@ -82,7 +82,7 @@ def test_a_collapsed_latent_aligns_nothing_and_a_single_video_has_no_pair():
 
 def test_reward_against_time_is_one_for_a_rising_reward_whatever_its_shape():
     rising = -jnp.exp(-jnp.arange(12.0))
-    np.testing.assert_allclose(metrics.reward_time_tau(rising, 8), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(metrics.kendall_tau(rising, 8), 1.0, rtol=1e-6)
 
 
 two_way = jax.jit(metrics.two_way_cycle_consistency)

@@ -148,7 +148,7 @@ def test_the_headline_compares_the_trained_policy_with_a_random_one():
         (
             {"tau": 0.5},
             "open",
-            "A reward was learned: Kendall's tau on held-out demonstrations is 0.5",
+            "A reward was learned: alignment tau on held-out demonstrations is 0.5",
         ),
         ({"success": 0.95, "starts": 20}, "good", "It worked: 19 of 20 starts end in success"),
         (

@@ -10,7 +10,7 @@ from gril_jax.config import EnvConfig, RunConfig, TaskName, Variant
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.run_config import StageOptions
 from gril_jax.config.tables import between, count
-from gril_jax.errors import RunError
+from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs import run_dir
 
 from ..arguments import Work, demo_set, echo, named_task, require_new_file, run_config_of
@@ -77,12 +77,19 @@ class _Export:
     NumPy alone."""
     task: str | None = None
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
+    progress: str | None = None
+    """Folder of the LeRobot dataset that the run's videos are of: the file, such as
+    sarm_progress.parquet, has the progress of each of its frames."""
 
 
 def _export(given: _Export) -> Work:
     folder, out = Path(given.run), Path(given.out)
+    if given.progress is not None and given.what != "reward":
+        raise ConfigError("--progress is of the reward, but --what is policy")
     config = run_config_of(folder, given.what, task=given.task)
     require_new_file(out)
+    if given.progress is not None:
+        return experiment("export_progress", folder, out, Path(given.progress), devices=True)
     if given.what == "reward":
         return experiment("export_reward", folder, out)
     _require_one_network(folder, config)

@@ -21,10 +21,11 @@ from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.encoders.encoder import GraphConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.reward.latent_goal import RewardParams
+from gril_jax.workflows import held_out
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.learning.encoders import stack
 
-from .measures import Measure, num_classes
+from .measures import Gather, Measure, num_classes
 from .rewards import task_key
 
 OWN = "own"  # in place of a variant: that in which policies are trained
@@ -49,7 +50,7 @@ class Ground(NamedTuple):
 
 
 class Audit(Measure):
-    """The audit from so many starts of each variant of a row's task.
+    """The audit from so many starts of each variant of a row's task, and `held_out` figures.
 
     The starts share `ascents` gradient searches; None takes the configuration's `run.audit`.
     Without searches, or without stages, there is no audit."""
@@ -57,9 +58,14 @@ class Audit(Measure):
     name, compiled = "audit", True
 
     def __init__(
-        self, *, variants: Sequence[str] = (OWN,), starts: int = 4, ascents: int | None = None
+        self,
+        gather: Gather,
+        *,
+        variants: Sequence[str] = (OWN,),
+        starts: int = 4,
+        ascents: int | None = None,
     ) -> None:
-        self.variants, self.starts, self.ascents = variants, starts, ascents
+        self.gather, self.variants, self.starts, self.ascents = gather, variants, starts, ascents
         self._made: dict[Hashable, Ground] = {}
 
     def asked(self, config):
@@ -84,7 +90,9 @@ class Audit(Measure):
         """The figures of each reward."""
         params = stack([one.params for one in found])
         values = audit_figures(*programs, params, self._ground(config))
-        return {name: x.tolist() for name, x in values.items()}
+        videos = held_out.measured(config, self.gather(config), [one.params for one in found])
+        along = {name: [one[name] for one in videos] for name in videos[0]}
+        return {name: x.tolist() for name, x in values.items()} | along
 
     def _ground(self, config: RunConfig) -> Ground:
         """The same states for all rewards of a task."""

@@ -191,7 +191,7 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
 def _measures(plan: Plan, gather: Gather, run: Path) -> list[measures.Measure]:
     """The measures of a study's rewards, for the run in a folder."""
     make: dict[str, Callable[..., measures.Measure]] = {
-        "audit": audit.Audit,
+        "audit": partial(audit.Audit, gather),
         "profiles": partial(measures.Profiles, gather),
         "separation": partial(separation.Separation, gather),
         "files": partial(measures.Files, plan, run),

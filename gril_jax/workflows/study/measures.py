@@ -135,7 +135,7 @@ def _kept(found: Mapping[str, Any], rewards: Sequence[TrainedReward]) -> dict[st
 
 
 class Tau(Measure):
-    """Kendall's tau on demonstrations kept aside, which each reward has from its training."""
+    """The alignment tau on demonstrations kept aside, which each reward has from its training."""
 
     name = "tau"
 

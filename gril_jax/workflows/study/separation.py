@@ -16,6 +16,7 @@ from gril_jax import reward
 from gril_jax.demos.demo import Demo
 from gril_jax.errors import DemoError
 from gril_jax.metrics.separation import CONVENTIONS, cumulative, ratio, stage_order, success_auc
+from gril_jax.workflows import held_out
 from gril_jax.workflows.build import learners, setup
 
 from .measures import Gather, Measure
@@ -23,6 +24,7 @@ from .measures import Gather, Measure
 # The separation ratio first in the convention that is compared with the paper's.
 NUMBERS = (
     "rho_held", "rho_resampled", "rho_natural", "auc_final", "auc_held", "auc_resampled", "order",
+    "preference_accuracy", "policy_ranking",
 )  # fmt: skip
 
 _LEAST = 2  # recordings of either outcome
@@ -97,6 +99,8 @@ def figures(
     kinds = np.array([kind_of(entry) for entry in entries])
     success = kinds == "success"
     values = _compared(jnp.asarray(reward), jnp.asarray(length), jnp.asarray(success))
+    ranks = jnp.array([held_out.rank(entry) for entry in entries], jnp.int32)
+    values |= held_out.last_ranked(jnp.asarray(reward), jnp.asarray(length), ranks)
     found = {name: float(value) for name, value in values.items()}
     known = [i for i, e in enumerate(entries) if success[i] and e.stages]
     stages = np.stack([stages_done(entry, reward.shape[1]) for entry in entries])
@@ -114,8 +118,7 @@ def figures(
 
 @jax.jit
 def _compared(reward, length, success: Bool[jax.Array, "B"]):
-    last = jnp.take_along_axis(reward, length[:, None] - 1, axis=1)[:, 0]
-    found = {"auc_final": success_auc(last, success)}
+    found = {}
     for convention in CONVENTIONS:
         total = cumulative(reward, length, convention)
         found[f"rho_{convention}"] = ratio(total, success)

@@ -157,15 +157,27 @@ def _of_rewards(names: Sequence[str]) -> list[Section]:
     return [
         Section(
             "The learned rewards, mean over seeds (lowest to highest), on demonstrations kept "
-            "aside: Kendall's tau, cycle consistency, tau of reward and time, the last reward; and "
+            "aside: alignment tau, cycle consistency, tau of reward and time, the last reward; and "
             "how many keep the bounds of their audit.",
             [
                 _count("rewards", among="tau"),
-                Column("tau", "tau"),
+                Column("tau", "alignment tau"),
                 Column("cycle", "cycle consistency"),
                 Column("reward_time_tau", "reward against time"),
                 Column("reward_last", "last reward"),
                 Column(PASSES, "pass their audit", lambda x, n: f"{int(x.sum())} of {n}", PASSES),
+            ],
+        ),
+        Section(
+            "Correlation of reward and time along videos kept aside, mean over seeds (lowest to "
+            "highest). VOC is Pearson's or Spearman's. With resting ends the last reward is held "
+            "for the frames that were cut from the end of a video.",
+            [
+                Column("voc_pearson", "VOC, Pearson"),
+                Column("voc_spearman", "VOC, Spearman"),
+                Column("voc_pearson_tails", "Pearson, with resting ends"),
+                Column("voc_spearman_tails", "Spearman, with resting ends"),
+                Column("reward_time_tau_tails", "tau, with resting ends"),
             ],
         ),
         *(_of_audit(x.removeprefix("order_")) for x in names if x.startswith("order_")),
@@ -179,11 +191,14 @@ def _of_rewards(names: Sequence[str]) -> list[Section]:
         ),
         Section(
             "AUC: how often a success is above a failure, by the reward of its last frame or by "
-            "its held sum. Order of stages: Somers' D of the reward with the number of stages "
-            "done, held-out successes.",
+            "its held sum. Preferences: pairs of videos in which the better one ends with the "
+            "higher reward. Ranking: tau-a of last rewards with the order of the videos. Order of "
+            "stages: Somers' D of the reward with the number of stages done, held-out successes.",
             [
                 Column("auc_final", "AUC, last reward", share),
                 Column("auc_held", "AUC, held sum", share),
+                Column("preference_accuracy", "preferences in order", share),
+                Column("policy_ranking", "policy ranking", share),
                 Column("order", "order of stages", share),
             ],
         ),
