@@ -43,6 +43,7 @@ LEFT_OUT = (
     "ranking of synthetic stages and the maps, which gril audit has for a task with stages"
 )
 _OF_TIMES = ("tcc", "tcc_cosine")  # losses that are squared errors of aligned times
+_DONE = "from this reward on a state counts as done"
 _AMISS = 0.25  # cost of a made-up scene that is clearly not done; of a beginning it is about 1
 
 
@@ -62,7 +63,9 @@ class Findings(NamedTuple):
     def in_words(self) -> list[str]:
         """The verdict, a line for each figure, and what is left out."""
         found = Audited("videos", self.numbers)
-        return [found.sentence(), *found.lines(), LEFT_OUT]
+        level = self.numbers["done_level"]
+        done = [] if level is None else [f"{'done_level':16} {level:7.3f}  {_DONE}"]
+        return [found.sentence(), *found.lines(), *done, LEFT_OUT]
 
     def write_report(self, folder: Path, results: Mapping[str, Any], *, title: str) -> Path:
         """Writes and returns the page of the audit."""
@@ -175,12 +178,23 @@ def measured(
         "missing_share": missing_share(demos),
         "worst_end": float(last.min()),
         "best_amiss": float(reward.max()),
+        "done_level": done_level(float(last.min()), float(reward.max())),
         **{name: trained.get(name) for name in ("tau", "consistency")},
     }
     if config.loss.consistency not in _OF_TIMES:
         numbers["consistency"] = None
     shown = pick(end, int(jnp.argmin(last))), pick(made, int(reward.argmax()))
     return Findings(numbers, *shown, demos)
+
+
+def done_level(worst_end: float, best_amiss: float) -> float | None:
+    """The reward from which on a state counts as done: halfway between the worst end of a video and
+    the best scene with something out of place; None if that scene has the higher one.
+
+    >>> done_level(-0.01, -0.23)
+    -0.12
+    """
+    return None if best_amiss >= worst_end else (worst_end + best_amiss) / 2
 
 
 def missing_share(demos: demonstrations.Demonstrations) -> float:

@@ -268,9 +268,7 @@ def test_a_graph_of_nothing_is_embedded_alike_whether_empty_padding_or_uncounted
 @pytest.mark.parametrize("config", AWKWARD, ids=["paper", "robot", "xmagical", "mlp"])
 def test_whatever_padding_holds_the_latent_and_its_slope_are_the_same(config):
     params, frame = init(jax.random.key(0), config), _frame()
-    both = jax.jit(
-        jax.value_and_grad(lambda c, f: embed(params, f | {"center": c}, config).sum())
-    )
+    both = jax.jit(jax.value_and_grad(lambda c, f: embed(params, f | {"center": c}, config).sum()))
     wanted = both(frame["center"], frame)
     for box in (np.nan, np.inf, 1e30):
         spoilt = {k: np.where(frame["present"][:, None], frame[k], box) for k in ("center", "size")}
