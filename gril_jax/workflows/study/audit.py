@@ -55,7 +55,7 @@ class Audit(Measure):
     The starts share `ascents` gradient searches; None takes the configuration's `run.audit`.
     Without searches, or without stages, there is no audit."""
 
-    name, compiled = "audit", True
+    name, words, compiled = "audit", "auditing the rewards", True
 
     def __init__(
         self,

@@ -45,6 +45,7 @@ class Measure:
     """Something measured of a row's rewards, which differ in their seeds alone."""
 
     name = ""  # of its phases, before the row's number
+    words = ""  # what is done, as it is shown
     compiled = False  # True if it has programs, which are for rewards of boxes alone
 
     def asked(self, config: RunConfig) -> bool:
@@ -93,7 +94,8 @@ def tasks(
     found = []
 
     def do(name: str, one: Measure, members: list[Row], ready: Future[Any] | None) -> None:
-        phase = progress.phase(f"measuring {name}", total=len(members), unit="rewards")
+        words = f"row {members[0].cell + 1}: {one.words}"
+        phase = progress.phase(words, total=len(members), unit="rewards")
         rewards = [learned[reward_key(row.config)] for row in members]
         lost = {i: one.diverged for i, one in enumerate(rewards) if one.diverged}
         diverged.require_some(lost, len(rewards))
@@ -137,7 +139,7 @@ def _kept(found: Mapping[str, Any], rewards: Sequence[TrainedReward]) -> dict[st
 class Tau(Measure):
     """The alignment tau on demonstrations kept aside, which each reward has from its training."""
 
-    name = "tau"
+    name, words = "tau", "tau of held-out videos"
 
     def measure(self, programs, config, found):
         """The taus as they are."""
@@ -147,7 +149,7 @@ class Tau(Measure):
 class Profiles(Measure):
     """Order of demonstrations kept aside, and rewards along them and along failures."""
 
-    name, compiled = "profiles", True
+    name, words, compiled = "profiles", "rewards along videos", True
 
     def __init__(self, gather: Gather) -> None:
         self.gather = gather
@@ -202,7 +204,7 @@ def _profiles(static: pretrain.Static):
 class Files(Measure):
     """Each reward as a file with its goals, `rewards/ROW-SEED.npz` in the study's folder."""
 
-    name = "files"
+    name, words = "files", "writing the rewards"
 
     def __init__(self, plan: Plan, run: Path) -> None:
         self.plan, self.run = plan, run

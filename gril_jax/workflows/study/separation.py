@@ -33,7 +33,7 @@ _LEAST = 2  # recordings of either outcome
 class Separation(Measure):
     """The figures of each reward; refuses demonstrations that are too few for them."""
 
-    name = "separation"
+    name, words = "separation", "successes and failures apart"
 
     def __init__(self, gather: Gather) -> None:
         self.gather = gather
