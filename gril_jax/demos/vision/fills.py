@@ -22,10 +22,9 @@ from gril_jax.errors import DemoError
 from .detect import SAMPLES, in_world
 from .landmarks import find_regions, find_robot
 from .palette import BLOCK_COLOURS, BLOCK_SHAPES, SUITE_CLASSES, block_code, classify, fills
-from .shape_fit import angle_of, expected_area, roundness_of, shape_outline, true_roundness
+from .shape_fit import angle_of, expected_area, shape_outline, symmetry_of, true_symmetry
 
 _PART = 0.4, 1.25  # of the smallest and the largest block's area: fills of one block lie between
-_STAR = 0.88  # a fill with less than this share of a square's is a star's
 _FAR = 0.25  # world units that no block moves in a frame
 _VOTES = 24  # frames, spread over a video, in which the shape of a block is read
 
@@ -122,7 +121,7 @@ def _block(parts: list[_Part | None], colour: str, scale: float) -> tuple:
     seen = np.array([part is not None for part in parts])
     whole = [part for part in parts if part is not None]
     picks = np.unique(np.linspace(0, len(whole) - 1, _VOTES).round().astype(int))
-    shape = Counter(_shape(whole[i], scale) for i in picks).most_common(1)[0][0]
+    shape = Counter(_shape(whole[i]) for i in picks).most_common(1)[0][0]
     corners = shape_outline(shape) * scale
     center, size = np.zeros((len(parts), 2)), np.zeros((len(parts), 2))
     for t, part in enumerate(parts):
@@ -133,9 +132,7 @@ def _block(parts: list[_Part | None], colour: str, scale: float) -> tuple:
     return f"{colour} {shape}", center, size, seen
 
 
-def _shape(part: _Part, scale: float) -> str:
-    """The shape of a fill: a star is small, the others differ in how round they are."""
-    if part.area < _STAR * 0.82 * expected_area("square") * scale**2:
-        return "star"
-    rest = [shape for shape in BLOCK_SHAPES if shape != "star"]
-    return min(rest, key=lambda shape: abs(roundness_of(part.mask) - true_roundness(shape)))
+def _shape(part: _Part) -> str:
+    """The shape with the nearest symmetry."""
+    found = symmetry_of(part.mask)
+    return min(BLOCK_SHAPES, key=lambda shape: np.linalg.norm(found - true_symmetry(shape)))

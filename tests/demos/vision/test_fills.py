@@ -46,6 +46,17 @@ def _names(tracks):
     return [SUITE_CLASSES[label] for label in tracks.label]
 
 
+@pytest.mark.parametrize("shape", ["star", "square", "pentagon", "circle"])
+def test_a_shape_is_read_from_a_picture_that_compression_has_frayed(shape):
+    frames = []
+    for angle in np.linspace(0, 1.4, 5):
+        frame = _frame([("yellow", shape, 0.1 + angle / 9, 0.2, angle)])
+        frayed = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 12])[1]
+        frames.append(cv2.imdecode(frayed, cv2.IMREAD_COLOR))
+    found = FillDetector().detect(np.stack(frames))
+    assert _names(found) == ["robot", f"yellow {shape}"]
+
+
 def test_twins_that_touch_and_pass_each_other_stay_who_they_are():
     times = np.linspace(0, 1, 30)
     left = np.stack([-0.4 + 0.9 * times, 0.13 + 0 * times], 1)
