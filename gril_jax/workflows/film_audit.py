@@ -191,8 +191,8 @@ def done_level(worst_end: float, best_amiss: float) -> float | None:
     """The reward from which on a state counts as done: halfway between the worst end of a video and
     the best scene with something out of place; None if that scene has the higher one.
 
-    >>> done_level(-0.01, -0.23)
-    -0.12
+    >>> done_level(0.0, -0.25)
+    -0.125
     """
     return None if best_amiss >= worst_end else (worst_end + best_amiss) / 2
 
