@@ -1,4 +1,4 @@
-"""What only episodes show of a task of one's own, each point a finding in a sentence."""
+"""Findings about a task of one's own that only episodes show, each a sentence."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Whether a reward is a number: of a file whose arrays are finite, its latents may overflow."""
+"""A check that a reward is a number: of a file whose arrays are finite, latents may overflow."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""How well one score ranks trajectories whose true order is known.
+"""Measures of how well one score ranks trajectories whose true order is known.
 
 A score is one number of a trajectory, such as the reward of its last frame or its mean reward. A
 rank is a whole number, higher for the better trajectory: failure 0, suboptimal 1, success 2.

@@ -1,4 +1,4 @@
-"""How well a reward rises with time along a video that ends in success.
+"""Measures of how well a reward rises with time along a video that ends in success.
 
 Value-order correlation (VOC) is the correlation of a video's rewards with its frame indices.
 Robometer (arXiv 2603.02115) reports Pearson's, GVL (arXiv 2411.04549) and OpenGVL (2509.17321)
@@ -65,7 +65,7 @@ def voc_spearman(
 
 
 class TimeOrder(NamedTuple):
-    """How well rewards rise with time, means over videos; leaves are scalars."""
+    """Correlations of rewards and time, means over videos; leaves are scalars."""
 
     voc_pearson: Float[Array, ""]
     voc_spearman: Float[Array, ""]

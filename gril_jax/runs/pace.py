@@ -14,7 +14,7 @@ CALL_S = 4.0  # a call's aim; also what a signal waits at most, unless a single 
 
 
 class Pace:
-    """How many moves, such as updates, a call makes, from the time that the last ones took."""
+    """The number of moves, such as updates, of a call, from the time that the last ones took."""
 
     def __init__(self) -> None:
         self._each_s: float | None = None

@@ -46,7 +46,7 @@ def _advance(state):
 
 
 def in_calls(step=_advance):
-    """What the loop calls: each chunk is a single call."""
+    """The function that the loop calls: each chunk is a single call."""
 
     def advance(state, chunk, made):
         state, metrics = step(state)

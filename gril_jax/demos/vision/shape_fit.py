@@ -70,7 +70,7 @@ def roundness_of(mask: UInt8[np.ndarray, "H W"]) -> float:
 
 
 def symmetry_of(mask: UInt8[np.ndarray, "H W"]) -> Float[np.ndarray, "2"]:
-    """How much a mask looks the same after a fourth and a fifth of a turn; each from 0 to 1.
+    """The fourfold and the fivefold symmetry of a mask, each from 0 to 1.
 
     For z = x + iy from the centre, it is |sum of z^n| over the sum of |z|^n, for n = 4 and 5. Every
     pixel counts, so a rim that compression has frayed changes little.

@@ -33,7 +33,7 @@ class Fault(NamedTuple):
 
 
 def unknown(seeds: int) -> Int[np.ndarray, "S 2"]:
-    """What `noted` takes at the beginning: no seed has diverged."""
+    """The faults that `noted` begins with: none, since no seed has diverged."""
     return np.zeros((seeds, 2), np.int32)
 
 
@@ -66,7 +66,7 @@ def faults(bad: Any, names: Sequence[str]) -> dict[int, Fault]:
 
 
 def are_finite(tree: Any) -> Bool[np.ndarray, "S"]:
-    """Whether all numbers of each of S trainings are finite, of leaves (S, ...)."""
+    """True for each of S trainings whose numbers are all finite, of leaves (S, ...)."""
     leaves = [np.asarray(x) for x in jax.tree.leaves(jax.device_get(tree))]
     return np.all([np.isfinite(x).reshape(len(x), -1).all(axis=1) for x in leaves], axis=0)
 

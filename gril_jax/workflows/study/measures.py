@@ -121,7 +121,7 @@ def tasks(
 
 
 def _kept(found: Mapping[str, Any], rewards: Sequence[TrainedReward]) -> dict[str, Any]:
-    """What was measured, with None for rewards that diverged."""
+    """The measured values, with None for rewards that diverged."""
 
     def known(values: Any) -> Any:
         numbers = isinstance(values, list) and all(isinstance(x, float | int) for x in values)
