@@ -31,6 +31,9 @@ class EncoderOptions:
     share_attributes: bool = False
     """True if edges say which words two class names share, such as a colour, and nodes do not know
     their class (paper). A reward of red blocks then also holds for blue ones."""
+    pair_statistics: bool = False
+    """True if the latent is also made of statistics of the distances between pairs of objects, of
+    which a cluster or a line consists (paper)."""
     robot: bool = False
     """True if the robot's node exchanges messages and counts in the latent."""
     length_unit: float = field(default=1.0, metadata=above(0))

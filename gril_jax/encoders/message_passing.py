@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 
 from gril_jax.config.encoder import EncoderOptions, PoolConfig
 from gril_jax.errors import ConfigError, require_at_least
+from gril_jax.graphs.pair_statistics import pair_statistics
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import SceneGraph
 
@@ -54,6 +55,9 @@ class EncoderConfig:
     """First and last word of each class's name, as indices, class by class: nodes then do not know
     their class, and edges know which of the two words sender and receiver share. Empty: nodes know
     their class."""
+    pair_statistics: bool = EncoderOptions.pair_statistics
+    """True if the head also gets statistics of the distances between pairs of objects
+    (`gril_jax.graphs.pair_statistics`): sums of messages do not tell one cluster from two."""
     pool_robot: bool = EncoderOptions.robot
     """True if the robot counts in the pooling (the paper's "with robot" ablation)."""
     robot_messages: bool = EncoderOptions.robot
@@ -78,7 +82,7 @@ class EncoderConfig:
     @classmethod
     def of(cls, options: EncoderOptions, num_classes: int) -> "EncoderConfig":
         """From the section `encoder` of a run's configuration."""
-        names = "width rounds latent relations length_unit ensemble_size".split()
+        names = "width rounds latent relations pair_statistics length_unit ensemble_size".split()
         same = {name: getattr(options, name) for name in names}
         return cls(num_classes, pool_robot=options.robot, robot_messages=options.robot, **same)
 
@@ -94,7 +98,7 @@ def init(key: PRNGKeyArray, config: EncoderConfig) -> Params:
     graph = scene_graph(jnp.zeros((2, 2)), jnp.zeros((2, 2)), jnp.zeros(2, jnp.int32), flags, flags)
     return {
         "messages": _Messages(config, "dense").init(keys[0], graph)["params"],
-        "head": _Head(config).init(keys[1], jnp.zeros(config.width))["params"],
+        "head": _Head(config).init(keys[1], jnp.zeros(config.width), graph)["params"],
     }
 
 
@@ -123,7 +127,7 @@ def readout(
         nodes.active, nodes.is_robot, nodes.present, alpha=alpha, pool_robot=config.pool_robot
     )
     pooled = weighted_pool(embeddings, weights)
-    return _Head(config).apply({"params": params["head"]}, pooled)
+    return _Head(config).apply({"params": params["head"]}, pooled, graph)
 
 
 def node_weights(
@@ -208,12 +212,32 @@ class _Messages(nn.Module):
 
 
 class _Head(nn.Module):
+    """Latents from pooled nodes, by two layers; with statistics of pairs by three wider ones."""
+
     config: EncoderConfig
 
     @nn.compact
-    def __call__(self, pooled):
-        hidden = nn.relu(nn.Dense(self.config.width)(pooled))
+    def __call__(self, pooled, graph):
+        width, hidden = self.config.width, pooled
+        if self.config.pair_statistics:
+            hidden = jnp.concatenate([pooled, _pair_statistics(graph, self.config)])
+            hidden = nn.relu(nn.Dense(2 * width)(hidden))
+            width = 2 * width
+        hidden = nn.relu(nn.Dense(width)(hidden))
         return nn.Dense(self.config.latent)(hidden)
+
+
+def _pair_statistics(graph, config) -> Float[Array, "S"]:
+    """Statistics of the distances between pairs of objects, the robot left out.
+
+    Without `words`, two objects of one class share both words, and others share none.
+    """
+    nodes = graph.nodes
+    words = jnp.stack([nodes.label, nodes.label], axis=-1)
+    if config.words:
+        words = jnp.array(config.words).reshape(-1, 2)[nodes.label]
+    there = nodes.present & ~nodes.is_robot
+    return pair_statistics(nodes.center / config.length_unit, words, there)[0].reshape(-1)
 
 
 def _relations(graph) -> Float[Array, "E 4"]:

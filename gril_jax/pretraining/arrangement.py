@@ -9,10 +9,10 @@ time. Their common features are found by comparing last frames with others. They
     bonds            what is in a larger thing that rests, or out of it (`containers`)
     place            ends of a class lie close together in the arena, seen against its journey
     distances        between what moves and belongs in nothing: statistics of pairs
-                     (`pair_distances`)
+                     (`gril_jax.graphs.pair_statistics`)
 
-Each has a range over the ends, and a scene within all ranges costs nothing. The fewer frames before
-the end are in a statistic's range, the more it counts. So nobody has to say whether colours or
+Each has a range over the ends, and a scene within all ranges costs nothing. The fewer other scenes
+are in a statistic's range, the more it counts. So nobody has to say whether colours or
 shapes matter. Turned, moved and mirrored arrangements cost the same, and so do those in which
 objects of one class have changed places. An object that no demonstration moves costs a little once
 it has been moved: a thing that has taken another one's place looks the same. No actions or labels
@@ -30,6 +30,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gril_jax.config.reward import LossConfig
+from gril_jax.graphs.pair_statistics import pair_statistics
 from gril_jax.graphs.scene import safe_norm
 from gril_jax.types import DemoBatch
 
@@ -38,6 +39,7 @@ from . import containers, pair_distances
 _TAIL = 0.1  # share of the ends that a range leaves out on each side
 _MOST = 0.85  # share of the demonstrations that must move a class that always moves
 _MOVED = 1 / 3  # share of the demonstrations that must move a class
+_EXCHANGES = 64  # ends with things in each other's places that are drawn from each end
 _TIGHT = 0.25  # spread of the ends over the journey, at most, of a place that counts
 _STIRRED, _AT_MOST = 0.1, 2  # cost of a thing that no demonstration moves, and how many count
 _REACH = 0.5  # arena units over which the rest of the cost grows, at least
@@ -161,20 +163,37 @@ def _places(goal: Arrangement, first, last, member) -> Arrangement:
 
 
 def _distances(goal: Arrangement, demos, last, counted) -> pair_distances.Ranges:
-    """The ranges of the ends' distances, seen against those of all frames."""
+    """The ranges of the ends' distances, seen against those of other scenes."""
     of_one = lambda center, label, there: _pairs(goal, center, label, there)  # noqa: E731
     ends, count = jax.vmap(of_one)(last, demos.label, counted)
     of_film = lambda film: jax.vmap(lambda c: of_one(c, film[1], film[2])[0])(film[0])  # noqa: E731
     frames = jax.lax.map(of_film, (demos.center, demos.label, counted))
     real = jnp.arange(demos.center.shape[1]) < demos.length[:, None]
     share = real / demos.length[:, None] / len(demos.length)
-    return pair_distances.learned(ends, frames, share, count.min(axis=0) > 0)
+    exchanged = _exchanged(goal, last, demos.label, counted)
+    return pair_distances.learned(ends, frames, share, exchanged, count.min(axis=0) > 0)
+
+
+def _exchanged(goal: Arrangement, last, label, counted) -> Float[Array, "B M K Q"]:
+    """Statistics of last frames in which what moves has changed places, in M ways drawn once."""
+
+    def one(key, center, label, there):
+        free = there & goal.moves[label]
+        order = jnp.arange(len(label), dtype=jnp.float32)
+        drawn = jax.random.uniform(key, label.shape)
+        # The free ones come first in both, in their own order and in one that is drawn.
+        before, after = (jnp.argsort(jnp.where(free, x, 2.0 + order)) for x in (drawn, order / 1e6))
+        return _pairs(goal, center, label.at[after].set(label[before]), there)[0]
+
+    keys = jax.random.split(jax.random.key(0), (len(last), _EXCHANGES))
+    many = jax.vmap(jax.vmap(one, (0, None, None, None)))
+    return many(keys, last, label, counted)
 
 
 def _pairs(goal: Arrangement, center, label, counted):
     """Statistics of the pairs of what moves and belongs in nothing, and the number of pairs."""
     free = counted & goal.moves[label] & ~goal.bonds.inside.any(axis=1)[label]
-    return pair_distances.statistics(center, goal.words[label], free)
+    return pair_statistics(center, goal.words[label], free)
 
 
 def _half_box(goal: Arrangement, size, label, counted):

@@ -1,38 +1,34 @@
-"""Distances between things, as statistics, and the ranges that these have at the ends of videos.
+"""Ranges that statistics of pairs have at the ends of videos, and what it costs to be out of them.
 
     ranges = learned(ends, frames, weight, box)       # of statistics, once
-    cost = beyond(ranges, statistics(...), box, near_cost_fraction)
+    cost = beyond(ranges, values, box, near_cost_fraction)
 
-Pairs of things are of five kinds: all, those whose class names share their first word (a colour),
-or not, or their last one (a shape), or not. The statistics of each kind, in world units, are:
+The statistics are those of `gril_jax.graphs.pair_statistics`.
 
-- quantiles of the distances;
-- root mean squares of the pairs' distances along their narrow and their wide axis, which tell a
-  line from a bend;
-- the longest link, which tells one cluster from two. It is the widest gap on the way from each
-  thing to its partners by way of others of the kind.
+Their weights are learned: a statistic counts as much as its range tells ends from other scenes.
+Those are the frames of the videos, and the ends with their things in each other's places. The
+weight is the logarithm of how much rarer they are in the range than ends are, of the rarer ones.
+The worst statistic has most of the cost, since a scene that lacks one feature is no end. The mean
+of all has the rest, since it has a slope wherever one of them is out.
 
-Their weights are learned. A statistic's weight is the logarithm of how much rarer frames are in its
-range than ends are. Shapes use N for objects, P for pairs, K = 5 for kinds
-and Q = 8 for statistics.
+Shapes use K = 5 for kinds of pairs and Q = 8 for statistics.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from gril_jax.graphs.scene import safe_norm
+from gril_jax.graphs.pair_statistics import KINDS, STATISTICS
 
-KINDS = 5
-_LEVELS = 5  # quantiles: least, quarters, largest
-STATISTICS = _LEVELS + 3
 _TAIL = 0.1  # share of the ends that a range leaves out on each side
 _WIDER = 0.25  # widths of a range by which it is made wider on each side: ends are few
+_RARE = (1e-3, 1e-2)  # least shares of frames, and of exchanged ends, that are in a range
 _TELLS = 0.1  # share of the best statistic's weight below which another one does not count
 _REACH = 0.5  # world units over which the rest of a cost grows
 _NARROW = 0.25  # half boxes over which the first share of a cost grows, at least
+_WORST = 0.8  # share of the cost that is the worst statistic's; the mean's is the rest
 
 
 class Ranges(NamedTuple):
@@ -43,32 +39,11 @@ class Ranges(NamedTuple):
     weight: Float[Array, "K Q"]  # they sum to 1, or all are 0
 
 
-def statistics(
-    center: Float[Array, "N 2"], words: Int[Array, "N 2"], there: Bool[Array, "N"]
-) -> tuple[Float[Array, "K Q"], Int[Array, "K"]]:
-    """Statistics of all pairs of what is there, and the number of pairs of each kind.
-
-    `words` are the first and the last word of each object's class name. Without pairs of a kind its
-    statistics are 0.
-    """
-    num = len(center)
-    one, other = jnp.triu_indices(num, 1)
-    way = center[one] - center[other]
-    distance = safe_norm(way)
-    same = (words[one] == words[other]).T  # (2, P)
-    kinds = jnp.stack([same[0] | True, same[0], ~same[0], same[1], ~same[1]])
-    kinds = kinds & there[one] & there[other]
-    count = kinds.sum(axis=1)
-    each = jax.vmap(lambda kind, n: _levels(distance, kind, n))(kinds, count)
-    links = jax.vmap(lambda kind: _longest_link(distance, kind, one, other, num))(kinds)
-    axes = jax.vmap(lambda kind, n: _axes(way, kind, n))(kinds, count)
-    return jnp.concatenate([each, axes, links[:, None]], axis=1), count
-
-
 def learned(
     ends: Float[Array, "B K Q"],
     frames: Float[Array, "B T K Q"],
     share: Float[Array, "B T"],
+    exchanged: Float[Array, "B M K Q"],
     some: Bool[Array, "K"],
 ) -> Ranges:
     """Ranges of the ends of B videos, and their weights.
@@ -76,12 +51,14 @@ def learned(
     Args:
       ends, frames: statistics of last frames and of all frames.
       share: what each frame counts; they sum to 1.
+      exchanged: statistics of last frames whose things are in each other's places, in M ways.
       some: kinds of which all videos have pairs.
     """
     low, high = jnp.quantile(ends, jnp.array([_TAIL, 1.0 - _TAIL]), axis=0)
     within = lambda x: ((low <= x) & (x <= high)).astype(x.dtype)  # noqa: E731
-    often = jnp.einsum("bt,btkq->kq", share, within(frames))
-    tells = jnp.log((within(ends).mean(axis=0) + 1e-3) / (often + 1e-3))
+    often = jnp.einsum("bt,btkq->kq", share, within(frames)) + _RARE[0]
+    rarer = jnp.minimum(often, within(exchanged).mean(axis=(0, 1)) + _RARE[1])
+    tells = jnp.log((within(ends).mean(axis=0) + _RARE[0]) / rarer)
     tells = jnp.where(some[:, None] & (tells > _TELLS * tells.max()), jnp.maximum(tells, 0.0), 0.0)
     wider = _WIDER * (high - low)
     return Ranges(low - wider, high + wider, tells / jnp.maximum(tells.sum(), 1e-6))
@@ -105,44 +82,11 @@ def beyond(
         near_cost_fraction * jnp.minimum(out / scale, 1.0)
         + (1.0 - near_cost_fraction) * out / _REACH
     )
-    return jnp.sum(ranges.weight * cost)
+    relative = ranges.weight / jnp.maximum(ranges.weight.max(), 1e-6)
+    return (1.0 - _WORST) * jnp.sum(ranges.weight * cost) + _WORST * jnp.max(relative * cost)
 
 
 def nothing() -> Ranges:
     """Ranges of which none counts."""
     none = jnp.zeros((KINDS, STATISTICS))
     return Ranges(none, none, none)
-
-
-def _levels(distance, kind, count):
-    """Quantiles (_LEVELS,) of the distances (P,) of one kind."""
-    ordered = jnp.sort(jnp.where(kind, distance, jnp.inf))
-    ordered = jnp.where(jnp.isfinite(ordered), ordered, 0.0)
-    last = jnp.maximum(count - 1, 0)
-    at = jnp.linspace(0.0, 1.0, _LEVELS) * last
-    below = jnp.floor(at).astype(jnp.int32)
-    above = jnp.minimum(below + 1, last)
-    return ordered[below] + (at - below) * (ordered[above] - ordered[below])
-
-
-def _axes(way, kind, count):
-    """Root mean squares (2,) of the ways (P, 2) of one kind, along their narrow and wide axes."""
-    chosen = jnp.where(kind[:, None], way, 0.0)
-    moment = chosen.T @ chosen / jnp.maximum(count, 1)
-    half = (moment[0, 0] + moment[1, 1]) / 2
-    apart = safe_norm(jnp.stack([(moment[0, 0] - moment[1, 1]) / 2, moment[0, 1]]))
-    squares = jax.nn.relu(jnp.stack([half - apart, half + apart]))
-    return jnp.sqrt(squares + 1e-6) - 1e-3  # with a slope at 0
-
-
-def _longest_link(distance, kind, one, other, num):
-    """The widest gap on the best ways between partners of one kind."""
-    everywhere = jnp.zeros((num, num), jnp.int32).at[one, other].set(jnp.arange(len(one)))
-    gap = jnp.where(kind, jax.lax.stop_gradient(distance), jnp.inf)[everywhere + everywhere.T]
-    gap = jnp.where(jnp.eye(num, dtype=bool), 0.0, gap)
-    for _ in range(max(1, (num - 1).bit_length())):  # ways of twice as many steps
-        gap = jnp.min(jnp.maximum(gap[:, :, None], gap[None]), axis=1)
-    longest = jnp.max(jnp.where(kind, gap[one, other], -1.0), initial=-1.0)
-    # It is the distance of one pair, and has the slope of that one alone.
-    which = jnp.argmin(jnp.where(kind, jnp.abs(distance - longest), jnp.inf))
-    return jnp.sum(jnp.where(kind & (jnp.arange(len(one)) == which), distance, 0.0))

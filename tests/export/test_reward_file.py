@@ -182,6 +182,12 @@ def test_choices_out_of_range_are_not_written(tmp_path, given, text):
 # --- reading what is no reward file
 
 
+def test_a_file_without_an_option_that_came_later_is_read(file, tmp_path):
+    about = encoder.to_json(PAPER)
+    del about["pair_statistics"]
+    assert load_reward(_edited(file, tmp_path / "earlier.npz", encoder=about)).config == PAPER
+
+
 @pytest.mark.parametrize(
     ("about", "error", "text"),
     [
