@@ -211,6 +211,7 @@ def test_two_processes_in_one_folder_do_not_disturb_each_other(killed, whole, tm
     assert differing(whole[0], folder / "run") == []
 
 
+_GRIL = f"import sys; sys.argv[0] = 'gril'\n{_TWICE}"  # as versions.json has it
 _BACKWARDS = """
 import itertools, time
 hours = itertools.count()
@@ -221,7 +222,7 @@ time.time = lambda: 2e9 - 3600 * next(hours)
 @pytest.mark.slow
 def test_a_clock_that_goes_backwards_changes_nothing(killed, whole, tmp_path):
     """An hour at each look at it."""
-    done = _mounted(tmp_path, _ARGS, PYTHONPATH=str(killed.path), script=_BACKWARDS + _TWICE)
+    done = _mounted(tmp_path, _ARGS, PYTHONPATH=str(killed.path), script=_BACKWARDS + _GRIL)
     assert done.returncode == 0, done.stderr
     assert differing(whole[0], tmp_path / "run") == []
     rows = (tmp_path / "run" / "times.jsonl").read_text().splitlines()
@@ -250,7 +251,7 @@ def test_a_full_folder_for_temporary_files_is_a_sentence(tmp_path):
     assert not (tmp_path / "set").exists()
 
 
-def _mounted(folder, args, mount="true", *, script=_TWICE, **environment):
+def _mounted(folder, args, mount="true", *, script=_GRIL, **environment):
     """A command line in a folder, with mounts that it alone sees; those need root."""
     run = f"{mount} && exec {shlex.join([sys.executable, '-c', script, *args])}"
     alone = [] if mount == "true" else ["unshare", "-m"]
