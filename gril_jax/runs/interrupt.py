@@ -5,13 +5,15 @@ import contextlib
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from types import FrameType
+import time
+from collections.abc import Callable, Iterable, Iterator
+from types import CodeType, FrameType
 
 from gril_jax.errors import GrilError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last as a terminal is closed
 _SOON = 0.01  # seconds
+_IMPORT_S = 10.0  # that an import puts Ctrl-C off, at most
 
 
 class Interrupted(GrilError):
@@ -36,7 +38,7 @@ def noticed() -> Iterator[Notice]:
     where Python takes no handlers, signals act as ever.
     """
     notice = Notice()
-    if threading.current_thread() is not threading.main_thread():
+    if not _in_main():
         yield notice
         return
 
@@ -59,34 +61,53 @@ def noticed() -> Iterator[Notice]:
 
 @contextlib.contextmanager
 def heard() -> Iterator[None]:
-    """Raises a KeyboardInterrupt again that Python would only print, a little later.
+    """Puts a KeyboardInterrupt off, a little, where it would be lost or do harm.
 
-    It only prints what is raised in a `__del__`, or in a callback of a weak reference or of the
-    garbage collector, of which JAX has one that runs often while programs are traced.
+    Python only prints what is raised in a `__del__`, or in a callback of a weak reference or of the
+    garbage collector, of which JAX has one that runs often while programs are traced. In an import
+    it can keep a lock for good, become an ImportError, or abort a compiled module. An import that
+    takes long is interrupted all the same.
     """
     before, over = sys.unraisablehook, threading.Event()
+    usual = signal.getsignal(signal.SIGINT)
 
-    def hook(lost) -> None:
-        here = threading.current_thread() is threading.main_thread()
-        handler = signal.getsignal(signal.SIGINT)
-        if not (here and issubclass(lost.exc_type, KeyboardInterrupt) and callable(handler)):
-            before(lost)
-            return
+    def put_off(handler: Callable) -> None:
+        until = time.monotonic() + _IMPORT_S
 
         def once(number: int, frame: FrameType | None) -> None:
-            if not _within(hook, frame):  # where it would be lost again
-                signal.signal(number, handler)
-                handler(number, frame)
+            stack = {*_stack(frame)}
+            if hook.__code__ in stack or (_imports(stack) and time.monotonic() < until):
+                return
+            signal.signal(signal.SIGINT, handler)
+            (usual if handler is heed else handler)(number, frame)
 
         signal.signal(signal.SIGINT, once)
         # Not a `Thread`, whose `start` waits, on a busy machine until the signal comes: in here.
         _thread.start_new_thread(_repeat, (once, over))
 
+    def heed(number: int, frame: FrameType | None) -> None:
+        if _imports(_stack(frame)):
+            put_off(heed)
+        else:
+            usual(number, frame)
+
+    def hook(lost) -> None:
+        handler = signal.getsignal(signal.SIGINT)
+        if _in_main() and issubclass(lost.exc_type, KeyboardInterrupt) and callable(handler):
+            put_off(handler)
+        else:
+            before(lost)
+
+    ours = _in_main() and callable(usual)
     sys.unraisablehook = hook
     try:
+        if ours:
+            signal.signal(signal.SIGINT, heed)
         yield
     finally:
         over.set()
+        if ours:
+            signal.signal(signal.SIGINT, usual)
         if sys.unraisablehook is hook:  # else it is part of what has replaced it
             sys.unraisablehook = before
 
@@ -102,8 +123,18 @@ def _repeat(handler: Callable, over: threading.Event) -> None:
         signal.pthread_kill(main, signal.SIGINT)
 
 
-def _within(function: Callable, frame: FrameType | None) -> bool:
-    """True if `function` is being run in `frame`, or has called what is."""
-    while frame is not None and frame.f_code is not function.__code__:
+def _in_main() -> bool:
+    """True in the main thread, the only one in which Python handles signals."""
+    return threading.current_thread() is threading.main_thread()
+
+
+def _stack(frame: FrameType | None) -> Iterator[CodeType]:
+    """What is being run in a frame, and what has called that."""
+    while frame is not None:
+        yield frame.f_code
         frame = frame.f_back
-    return frame is not None
+
+
+def _imports(stack: Iterable[CodeType]) -> bool:
+    """True if an import is in progress."""
+    return any(code.co_filename == "<frozen importlib._bootstrap>" for code in stack)

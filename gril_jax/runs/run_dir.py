@@ -243,6 +243,7 @@ def create(
     command: Sequence[str] | None = None,
     experiment: str | None = None,
     begun: Mapping[str, Mapping[str, Any]] | None = None,
+    first: Callable[[Path], Iterable[Path]] = lambda path: (),
 ) -> RunDir:
     """Creates a run's folder, which must not exist, and opens it for writing.
 
@@ -251,6 +252,7 @@ def create(
       command: how the process was started; `sys.argv` where None.
       experiment: what can go on with the run if it is cut off; None if nothing can.
       begun: phases that have finished before the run began, with what they came to.
+      first: writes files without which the folder is no run, and returns them.
     """
     require_new(path)
     require_text(path)
@@ -266,8 +268,9 @@ def create(
         lock = take_lock(path)
         write_whole(path / "versions.json", json.dumps(made_with, indent=2) + "\n")
         finished = {name: dict(results) for name, results in (begun or {}).items()}
-        files = {"begun": {"versions.json": digest(path / "versions.json")}}
-        phases = Phases(experiment, to_yaml(config), finished, files)
+        files = [path / "versions.json", *first(path)]
+        known = {file.relative_to(path).as_posix(): digest(file) for file in files}
+        phases = Phases(experiment, to_yaml(config), finished, {"begun": known})
         write_phases(path, phases)
         write_whole(path / "config.yaml", phases.config)  # last: it makes the folder a run
     run = RunDir(path, lock, phases, config)
@@ -313,16 +316,18 @@ def create_or_resume(
     device: str,
     experiment: str,
     begun: Mapping[str, Mapping[str, Any]] | None = None,
+    first: Callable[[Path], Iterable[Path]] = lambda path: (),
 ) -> RunDir:
     """Resumes the run in a folder, or creates one at `config.run.out` if the folder is None.
 
-    A run that goes on has its own `begun`; errors are those of `create` and `require_resumable`.
+    A run that goes on has its own `begun` and `first`; errors are those of `create` and
+    `require_resumable`.
     """
     if folder is not None:
         require_resumable(folder, experiment)
         return resume(folder)
     out = Path(config.run.out) if config.run.out else default_path(config.run.seed)
-    return create(out, config, device=device, experiment=experiment, begun=begun)
+    return create(out, config, device=device, experiment=experiment, begun=begun, first=first)
 
 
 def require_text(path: Path) -> None:

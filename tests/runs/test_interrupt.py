@@ -3,6 +3,7 @@
 import _thread
 import contextlib
 import gc
+import importlib
 import signal
 import sys
 import threading
@@ -14,6 +15,7 @@ import pytest
 from gril_jax.cli import main
 from gril_jax.cli.verbs import Verb
 from gril_jax.errors import RunError
+from gril_jax.runs import interrupt
 from gril_jax.runs.interrupt import Interrupted, heard, noticed
 
 
@@ -115,6 +117,21 @@ def test_ctrl_c_is_heard_where_python_would_only_print_it(lose):
     assert not _sleeps_through(lose)
     assert sys.unraisablehook is hook
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+@pytest.mark.parametrize(("longest", "through"), [(10.0, True), (0.0, False)])
+def test_ctrl_c_waits_for_an_import_unless_that_takes_long(monkeypatch, tmp_path, longest, through):
+    """Raised in one it can keep a lock for good, or come out as an ImportError or an abort."""
+    (tmp_path / "slow_to_import.py").write_text(
+        "import signal, sys, time\nsignal.raise_signal(signal.SIGINT)\ntime.sleep(0.1)\n"
+        "sys.went_through = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "slow_to_import", raising=False)
+    monkeypatch.setattr(sys, "went_through", False, raising=False)
+    monkeypatch.setattr(interrupt, "_IMPORT_S", longest)
+    assert not _sleeps_through(lambda: importlib.import_module("slow_to_import"))
+    assert sys.went_through is through
 
 
 def test_a_signal_that_comes_while_the_first_is_seen_to_is_not_lost(monkeypatch):

@@ -5,14 +5,18 @@ nothing disturbed.
 """
 
 import contextlib
+import json
 import os
 import random
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+import gril_jax.envs
 import pytest
 from support import new_task
 from support.killed import killer
@@ -205,6 +209,58 @@ def test_two_processes_in_one_folder_do_not_disturb_each_other(killed, whole, tm
     loser = next(err for (_, err), one in zip(said, both, strict=True) if one.returncode)
     assert "is being written by process" in loser or "has finished" in loser, loser
     assert differing(whole[0], folder / "run") == []
+
+
+_GRIL = f"import sys; sys.argv[0] = 'gril'\n{_TWICE}"  # as versions.json has it
+_BACKWARDS = """
+import itertools, time
+hours = itertools.count()
+time.time = lambda: 2e9 - 3600 * next(hours)
+"""
+
+
+@pytest.mark.slow
+def test_a_clock_that_goes_backwards_changes_nothing(killed, whole, tmp_path):
+    """An hour at each look at it."""
+    done = _mounted(tmp_path, _ARGS, PYTHONPATH=str(killed.path), script=_BACKWARDS + _GRIL)
+    assert done.returncode == 0, done.stderr
+    assert differing(whole[0], tmp_path / "run") == []
+    rows = (tmp_path / "run" / "times.jsonl").read_text().splitlines()
+    seconds = [row["seconds"] for row in map(json.loads, rows) if "seconds" in row]
+    assert seconds == sorted(seconds)
+    assert 0 < seconds[-1] < 600
+
+
+@pytest.mark.slow
+def test_a_read_only_checkout_is_enough(killed, whole, tmp_path):
+    root = shlex.quote(str(Path(gril_jax.envs.__path__[0]).parent))
+    locked = f"mount --bind {root} {root} && mount -o remount,bind,ro {root}"
+    done = _mounted(tmp_path, _ARGS, locked, PYTHONPATH=str(killed.path))
+    assert done.returncode == 0, done.stderr
+    assert differing(whole[0], tmp_path / "run") == []
+
+
+@pytest.mark.slow
+def test_a_full_folder_for_temporary_files_is_a_sentence(tmp_path):
+    (tmp_path / "small").mkdir()
+    small = "mount -t tmpfs -o size=64k none small"
+    made = ["demos", "make", "quickstart", "--num", "4", "--num-failures", "1", "--out", "set"]
+    done = _mounted(tmp_path, made, small, TMPDIR=str(tmp_path / "small"))
+    assert (done.returncode, "Traceback" in done.stderr) == (1, False), done.stderr
+    assert "could not be written because there is no space left" in done.stderr
+    assert not (tmp_path / "set").exists()
+
+
+def _mounted(folder, args, mount="true", *, script=_GRIL, **environment):
+    """A command line in a folder, with mounts that it alone sees; those need root."""
+    run = f"{mount} && exec {shlex.join([sys.executable, '-c', script, *args])}"
+    alone = [] if mount == "true" else ["unshare", "-m"]
+    if alone and subprocess.run([*alone, "true"], capture_output=True).returncode:
+        pytest.skip("nothing can be mounted here")
+    return subprocess.run(
+        [*alone, "sh", "-c", run], cwd=folder, capture_output=True, text=True, timeout=600,
+        env=os.environ | {"JAX_PLATFORMS": "cpu"} | environment,
+    )  # fmt: skip
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import contextlib
 import functools
 import itertools
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import no_type_check
@@ -102,7 +103,7 @@ class KernelPhysics:
         self.physics, self.dt = physics, physics.dt
         wp.config.log_level = wp.LOG_WARNING  # or Warp reports on each kernel
         with _without_stderr():  # where there is no GPU, Warp's library says so
-            wp.init()
+            _begin()
         kind = int(PINS if pins else PIVOTS) if physics.robot.has_fingers else int(NONE)
         self._call = callable_step(physics.robot.name, physics.num_blocks, kind)
         self._memory = physics.rest().size
@@ -157,6 +158,21 @@ def _without_gradients(call: Callable, *arrays: Array) -> tuple[Array, ...]:
 @_without_gradients.defjvp
 def _refuse(*_):
     raise ValueError("engine 'kernel' has no gradients: make the task with engine 'impulse'")
+
+
+def _begin() -> None:
+    """Starts Warp, with a temporary cache where its own cannot be written."""
+    try:
+        wp.init()
+    except OSError:
+        wp.config.kernel_cache_dir = _scratch().name
+        wp.init()
+
+
+@functools.cache
+def _scratch() -> tempfile.TemporaryDirectory:
+    """A folder that leaves with the process."""
+    return tempfile.TemporaryDirectory(prefix="gril-warp-")
 
 
 @contextlib.contextmanager

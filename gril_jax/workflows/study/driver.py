@@ -119,12 +119,11 @@ def _opened(
             config, resume = dataclasses.replace(config, run=own), None
             echo, shown = (lambda line: None), io.StringIO()
         opened = {"device": setup.device_in_words(), "experiment": saved.EXPERIMENT}
+        first = partial(saved.write, plan=plan._replace(config=config))
         with (
-            run_dir.create_or_resume(config, resume, **opened) as run,
+            run_dir.create_or_resume(config, resume, **opened, first=first) as run,
             Progress(stream=shown) as progress,
         ):
-            if resume is None:
-                run.cover("begun", saved.write(run.path, plan._replace(config=config)))
             for sentence in run.said:
                 echo(sentence)
             yield run, progress, echo

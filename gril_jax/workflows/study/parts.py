@@ -9,11 +9,13 @@ import collections
 import importlib
 import importlib.util
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,12 +46,11 @@ def make(
     driver.require_possible(plan, plan.runs, new=resume is None)
     opened = {"device": f"{count} processes", "experiment": saved.EXPERIMENT}
     if resume is None:
-        run = run_dir.create_or_resume(plan.config, None, **opened)
+        first = partial(saved.write, plan=plan._replace(in_parts=True))
+        run = run_dir.create_or_resume(plan.config, None, **opened, first=first)
     else:
         run = run_dir.resume(resume)
     with run:
-        if resume is None:
-            run.cover("begun", saved.write(run.path, plan._replace(in_parts=True)))
         saved.write_rows(run.path, plan)
         begun = saved.parts(run.path)
         missing = _missing(plan, run.path)
@@ -110,9 +111,9 @@ def _missing(plan: Plan, folder: Path) -> Work:
 
 def _begin(folder: Path, plan: Plan) -> None:
     """Creates the run of a part, which a process then goes on with."""
+    shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed here
     opened = {"device": "a process of its own", "experiment": saved.EXPERIMENT}
-    with run_dir.create(folder, plan.config, **opened) as run:
-        run.cover("begun", saved.write(folder, plan))
+    run_dir.create(folder, plan.config, **opened, first=partial(saved.write, plan=plan)).close()
 
 
 def _failed(folder: Path, codes: Mapping[Path, int]) -> dict[int, str]:

@@ -127,7 +127,7 @@ def root(folder: Path) -> Path:
 
 def parts(folder: Path) -> list[Path]:
     """The folders of a study's parts that have begun, in order."""
-    return sorted(path.parent for path in folder.glob(f"parts/*/{_FILE}"))
+    return sorted(path.parent for path in folder.glob("parts/*/config.yaml"))
 
 
 def left(folder: Path) -> list[Path]:

@@ -5,7 +5,7 @@ import pytest
 from gril_jax.config import RunConfig
 from gril_jax.config.files import load
 from gril_jax.errors import RunError
-from gril_jax.runs import run_dir
+from gril_jax.runs import reading, run_dir
 from gril_jax.workflows.study import recipe, saved
 from gril_jax.workflows.study.recipe import changed
 from gril_jax.workflows.study.saved import Plan, without_twins
@@ -21,9 +21,31 @@ def plan():
 @pytest.fixture
 def folder(tmp_path, plan):
     path = tmp_path / "run"
-    with run_dir.create(path, plan.config, device="a test", experiment=saved.EXPERIMENT) as run:
-        run.cover("begun", saved.write(path, plan))
+    _create(path, lambda new: saved.write(new, plan))
     return path
+
+
+def _create(path, first):
+    told = {"device": "a test", "experiment": saved.EXPERIMENT, "first": first}
+    run_dir.create(path, load("quickstart"), **told).close()
+
+
+def test_a_study_that_is_cut_off_before_all_its_files_are_there_is_no_run(tmp_path, plan):
+    """Else it would go on without them, and none of them would have a digest."""
+
+    def cut_off(path):
+        saved.write(path, plan)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _create(tmp_path / "run", cut_off)
+    with pytest.raises(RunError):
+        reading.read_config(tmp_path / "run")
+
+
+def test_all_files_of_a_study_have_digests(folder):
+    known = reading.read_phases(folder).files["begun"]
+    assert {"study.json", *(f"rows/{file.name}" for file in (folder / "rows").iterdir())} < {*known}
 
 
 def test_a_plan_is_read_as_it_was_written(folder, plan):

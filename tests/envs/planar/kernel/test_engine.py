@@ -188,3 +188,20 @@ def test_auto_is_the_kernel_where_it_runs_and_says_so(monkeypatch):
     assert envs.make("match_regions").engine == "kernel"
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert envs.make("match_regions").engine == "impulse"
+
+
+@with_warp
+def test_where_the_cache_cannot_be_written_a_temporary_one_is_taken(monkeypatch):
+    from gril_jax.envs.planar.kernel import engine
+
+    tried = []
+
+    def init():
+        tried.append(engine.wp.config.kernel_cache_dir)
+        if len(tried) == 1:
+            raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(engine.wp, "init", init)
+    monkeypatch.setattr(engine.wp.config, "kernel_cache_dir", None)
+    engine._begin()
+    assert tried == [None, engine._scratch().name]
