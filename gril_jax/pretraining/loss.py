@@ -16,6 +16,7 @@ from gril_jax.config.tables import ALIGNMENTS, find
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import NodeConfig, Params
 from gril_jax.encoders.ensemble import num_members
+from gril_jax.errors import ConfigError
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.losses import (
     decode,
@@ -152,8 +153,17 @@ def aligned(
     head: heads.Head | None = None,
     clips: heads.Clip | None = None,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The loss that the options name, and the time agreement that helps it to begin."""
+    """The loss that the options name, and the time agreement that helps it to begin.
+
+    Raises:
+      ConfigError: the options name a method that predicts progress, and `head` is missing.
+    """
     chosen = ALIGNMENTS[config.consistency]
+    if chosen.head and head is None:
+        raise ConfigError(
+            f"consistency is {config.consistency!r}, which needs a head, but there is none: an "
+            "encoder of pictures has none, and one of boxes has the head that `init` made."
+        )
     how = dict(form=chosen.form, temperature=hyper.temperature, similarity=chosen.similarity)
     plain, agreement = mean_consistency(latents, times, valid, **how)
     frames = Frames(key, latents, times, valid, plain, hyper, head, clips)

@@ -160,6 +160,13 @@ def test_a_head_is_trained_with_the_encoder_and_is_the_reward(demos):
     np.testing.assert_allclose(values["reward_first"], -1.0, rtol=1e-3)
 
 
+def test_a_method_without_its_head_is_refused():
+    config = dataclasses.replace(SMALL, consistency="sarm")
+    latents, times = jnp.zeros((2, 3, 4)), jnp.zeros((2, 3))
+    with pytest.raises(ConfigError, match="consistency is 'sarm', which needs a head"):
+        loss.aligned(jax.random.key(0), latents, times, times == 0, Hyper(), config)
+
+
 def test_distances_are_not_taught_to_a_head(demos):
     config = dataclasses.replace(SMALL, consistency="rewind", num_perturbations=1)
     state = pretrain.init(jax.random.key(0), demos, config)
