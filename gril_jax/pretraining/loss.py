@@ -94,6 +94,9 @@ def terms(
     `frames` are samples of each video, in the order in which they are played; `valid` are those
     that are not padding. `stages` are those of `gril_jax.pretraining.stages`, for a head that
     learns from them. The key, of whatever is sampled, is consumed.
+
+    Raises:
+      ConfigError: as for `aligned`.
     """
 
     def video(demo, active, frames):

@@ -128,9 +128,10 @@ def with_choices(config: RunConfig, learned: LearnedReward, source: str) -> RunC
     """The configuration with a reward's choices, whatever the task; errors as `configured`."""
     goal = learned.params.goal
     goals = goal.shape[0] if goal.ndim == 2 and num_members(learned.config) == 1 else 1
-    head, consistency = learned.params.head, config.loss.consistency
-    if head is not None:
+    head, consistency, pretrain = learned.params.head, config.loss.consistency, config.pretrain
+    if head is not None:  # perturbed frames teach distances
         consistency = heads.name_of(head)
+        pretrain = dataclasses.replace(pretrain, num_perturbations=0)
     elif ALIGNMENTS[consistency].head:
         consistency = LossConfig.consistency  # any that has no head
     found = dataclasses.replace(
@@ -138,6 +139,7 @@ def with_choices(config: RunConfig, learned: LearnedReward, source: str) -> RunC
         encoder=_encoder(config, learned),
         pool=_with(config.pool, learned.activity._asdict()),
         loss=dataclasses.replace(config.loss, goals=goals, consistency=consistency),
+        pretrain=pretrain,
     )
     same = setup.encoder_config(found, len(learned.classes)) == learned.config
     rule = PAPER._replace(**found.pool.rule())

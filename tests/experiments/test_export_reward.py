@@ -10,7 +10,7 @@ from support.saved_rewards import made
 
 from gril_jax import envs
 from gril_jax.cli import main
-from gril_jax.config import EncoderOptions, EnvConfig, LossConfig, RunConfig
+from gril_jax.config import EncoderOptions, EnvConfig, LossConfig, PretrainConfig, RunConfig
 from gril_jax.errors import RunError
 from gril_jax.export.reward_file import RewardFileError, load_reward
 from gril_jax.losses import heads
@@ -76,5 +76,6 @@ def test_a_configuration_takes_the_head_of_a_reward_or_none():
         ("tcc", progress, "rewind"), ("sarm", progress, "rewind"), ("sarm", plain, "tcc"),
         ("tcc_huber", plain, "tcc_huber"),
     ):  # fmt: skip
-        given = dataclasses.replace(CONFIG, loss=LossConfig(consistency=begun))
+        copies = PretrainConfig(num_perturbations=2 if begun == "tcc" else 0)
+        given = dataclasses.replace(CONFIG, loss=LossConfig(consistency=begun), pretrain=copies)
         assert export_reward.with_choices(given, learned, "it").loss.consistency == method

@@ -57,7 +57,7 @@ def test_rows_whose_rewards_have_other_parameters_share_no_program():
     ]
     found = programs.programs(rows, 7, jax.devices())
     assert [[row.cell for row in program.rows] for program in found] == [[0, 1], [2, 4], [3]]
-    measure = audit.Audit(None, ascents=1)
+    measure = audit.Audit(lambda _: None, ascents=1)
     same = [measure.same(row.config) for row in rows]
     assert [same.index(one) for one in same] == [0, 0, 2, 3, 2]
 
