@@ -21,7 +21,7 @@ class LossConfig:
     """Weight of reconstruction beside temporal cycle-consistency (Eq. 6)."""
     consistency: Literal[*ALIGNMENTS] = "tcc"
     """Temporal alignment of videos: a form of cycle-consistency (tcc), soft-DTW, or the sum of
-    both."""
+    both. Or a method whose reward is the progress that it predicts."""
     temperature: float = field(default=1.0, metadata=above(0))
     """Temperature of the soft nearest neighbours in cycle-consistency."""
     decoder: Literal["node", "graph"] = "node"
@@ -74,6 +74,9 @@ class PretrainConfig:
     random_activity: float = field(default=0.1, metadata=between(0, 1))
     """Probability that an object of a video counts as moved throughout, so that touching it has no
     reward."""
+    rewind: float = field(default=0.0, metadata=between(0, 1))
+    """Probability that a video of a batch ends with a part played backwards, as in ReWiND. What has
+    moved by then still counts as moved."""
 
     learning_rate = 1e-3  # of Adam
     num_frames = 32  # sampled from each video of a batch

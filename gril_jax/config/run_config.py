@@ -188,6 +188,7 @@ def _check_blocks(env: EnvConfig) -> None:
 def _check_sizes(config: RunConfig) -> None:
     demos, pretrain, env = config.demos, config.pretrain, config.env
     _check_encoder(config)
+    _check_consistency(config)
     for name in ALGORITHMS:
         getattr(config, name).check(name)
     at_once = {
@@ -228,6 +229,26 @@ def _check_encoder(config: RunConfig) -> None:
         )
 
 
+def _check_consistency(config: RunConfig) -> None:
+    """A method that predicts progress has no distances to teach, and soft-DTW needs one order."""
+    loss, chosen = config.loss, ALIGNMENTS[config.loss.consistency]
+    found = {}
+    if chosen.head:
+        found = {
+            "encoder.ensemble_size": (config.encoder.ensemble_size, 1),
+            "loss.goals": (loss.goals, 1),
+            "pretrain.num_perturbations": (config.pretrain.num_perturbations, 0),
+        }
+    if any(one.endswith(".warping") for one in chosen.losses):
+        found = {"pretrain.rewind": (config.pretrain.rewind, 0)}
+    for path, (value, needed) in found.items():
+        if value != needed:
+            raise ConfigError(
+                f"{path} is {value!r}, but must be {needed}, because loss.consistency is "
+                f"{loss.consistency!r}"
+            )
+
+
 def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
     """Choices that may need boxes: their values, whether pixels do, and what else they must be."""
     run, form = config.run, REWARDS[config.run.reward_form]
@@ -239,6 +260,7 @@ def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
             alternatives([name for name in ALIGNMENTS if name.startswith("tcc")]),
         ),
         "run.reward": (run.reward, form.pictures, with_pictures),
+        "pretrain.rewind": (config.pretrain.rewind, config.pretrain.rewind == 0, "0"),
     }
 
 

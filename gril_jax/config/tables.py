@@ -90,7 +90,7 @@ class Encoder(NamedTuple):
 
 
 class Alignment(NamedTuple):
-    """A loss that aligns videos in time."""
+    """A loss that aligns videos in time, or a method that predicts progress."""
 
     losses: tuple[str, ...]
     """Functions as `gril_jax.pretraining.loss` has them; several are summed."""
@@ -98,6 +98,10 @@ class Alignment(NamedTuple):
     """Form of the cycle-consistency that they are given."""
     similarity: str = "l2"
     """Similarity of two latents in it."""
+    head: str | None = None
+    """A `gril_jax.losses.heads.Head`, whose progress is the reward in place of a distance."""
+    stages: bool = False
+    """The head learns from stages of the demonstrations (`gril_jax.pretraining.stages`)."""
 
 
 class Reward(NamedTuple):
@@ -132,6 +136,7 @@ ENCODERS = {
 
 _CYCLE = ("gril_jax.pretraining.loss.cycle",)
 _WARPING = ("gril_jax.pretraining.loss.warping",)
+_HEAD = ("gril_jax.pretraining.loss.of_head",)
 ALIGNMENTS = {
     "tcc": Alignment(_CYCLE),
     "tcc_variance": Alignment(_CYCLE, form="regression_mse_var"),
@@ -141,6 +146,10 @@ ALIGNMENTS = {
     "tcc_cosine": Alignment(_CYCLE, similarity="cosine"),
     "soft_dtw": Alignment(_WARPING),
     "both": Alignment(_CYCLE + _WARPING),
+    "timerewarder": Alignment(_HEAD, head="gril_jax.losses.timerewarder.TimeRewarder"),
+    "rewind": Alignment(_HEAD, head="gril_jax.losses.rewind.ReWiND"),
+    "sarm": Alignment(_HEAD, head="gril_jax.losses.sarm.SARM", stages=True),
+    "progressor": Alignment(_HEAD, head="gril_jax.losses.progressor.PROGRESSOR"),
 }
 
 _FORMS = "gril_jax.workflows.build.policy_rewards"

@@ -9,6 +9,7 @@ Arrays, named by their path in `RewardParams`, such as `goal`, `scale`, `alpha` 
 
     format, version         "gril-jax reward", 3
     encoder                 kind (paper, interaction, mlp, pixel) and the fields of its config
+    head                    method that predicts progress (`gril_jax.losses.heads`), if it is one
     activity                the fields of an `ActivityRule` (Eq. 4)
     classes, robots         names that a label is an index into; those that are the robot
     objects                 class of each object of the usual scene, in order; may be empty
@@ -35,6 +36,7 @@ import numpy as np
 from gril_jax.encoders.encoder import AnyConfig
 from gril_jax.graphs import activity_rule
 from gril_jax.graphs.activity_rule import PAPER, ActivityRule
+from gril_jax.losses.heads import name_of
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.safe_files import new_file
@@ -87,7 +89,8 @@ def save_reward(
     made = _digest(demos) if demos is not None else {}
     text = reward_format.describe(learned, half_extent, unit, made | dict(provenance or {}))
     arrays = {name: np.asarray(leaf) for name, leaf in reward_format.named(params)}
-    wanted = dict(reward_format.named(reward_format.blank(config)))
+    head = None if params.head is None else name_of(params.head)
+    wanted = dict(reward_format.named(reward_format.blank(config, head)))
     reward_format.check_arrays(arrays, wanted, "params")
     _write(Path(path), packed(arrays, text), overwrite)
 

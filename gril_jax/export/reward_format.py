@@ -25,6 +25,7 @@ from gril_jax.encoders.ensemble import latent_size, num_members
 from gril_jax.errors import ConfigError, GrilError, ShapeError, is_printable
 from gril_jax.graphs import activity_rule
 from gril_jax.graphs.activity_rule import PAPER
+from gril_jax.losses import heads
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 
@@ -43,15 +44,30 @@ def named(params: PyTree) -> Iterator[tuple[str, Any]]:
         yield jax.tree_util.keystr(path, simple=True, separator="."), leaf
 
 
-def blank(config: AnyConfig) -> RewardParams:
-    """Shapes of a config's parameters, for a single goal; nothing is computed."""
+def blank_head(method: str, latent: int) -> heads.Head:
+    """Shapes of the parameters of a method's head; a ConfigError if there is no such method."""
+    head = heads.of(method)
+    return jax.eval_shape(lambda: head.init(jax.random.key(0), latent))
+
+
+def blank(config: AnyConfig, head: str | None = None) -> RewardParams:
+    """Shapes of a config's parameters, for a single goal; nothing is computed.
+
+    Raises:
+      ConfigError: `head` is not the name of a method that predicts progress, or the encoder is an
+        ensemble, which has none.
+    """
     number = jax.ShapeDtypeStruct((), jnp.float32)
     members = num_members(config)
     scale = jax.ShapeDtypeStruct((members,) if members > 1 else (), jnp.float32)
     goal = jax.ShapeDtypeStruct((latent_size(config),), jnp.float32)
     key = jax.eval_shape(lambda: jax.random.key(0))
     made = jax.eval_shape(lambda key: encoder.init(key, config), key)
-    return RewardParams(encoder=made, goal=goal, scale=scale, alpha=number)
+    if head is None:
+        return RewardParams(encoder=made, goal=goal, scale=scale, alpha=number)
+    if members > 1:
+        raise ConfigError(f"encoder.ensemble_size is {members}; with a head it must be 1.")
+    return RewardParams(made, goal, scale, number, blank_head(head, latent_size(config)), goal)
 
 
 def check_arrays(
@@ -69,7 +85,8 @@ def check_arrays(
                 f"{where} has an array {name!r}; it must hold its encoder's arrays alone."
             )
         shape = wanted[name].shape
-        goals = name == "goal" and array.ndim == 2 and len(array) and array.shape[1:] == shape
+        several = name == "goal" and "start" not in wanted
+        goals = several and array.ndim == 2 and len(array) and array.shape[1:] == shape
         if array.shape != shape and not goals:
             raise ShapeError(
                 f"{where}: {name} has shape {array.shape}; with its encoder it must be {shape}."
@@ -98,6 +115,8 @@ def describe(
         "unit": unit,
         "provenance": {"gril_jax": _version(), **provenance},
     }
+    if learned.params.head is not None:
+        about["head"] = heads.name_of(learned.params.head)
     _check_choices(learned, half_extent)
     return _json(about)
 
@@ -122,7 +141,7 @@ def understand(about: Mapping[str, Any], where: str) -> LearnedReward:
         rule = activity_rule.from_json(about["activity"])
         _require_whole(about, {"encoder": encoder.to_json(config), "activity": PAPER._asdict()})
         learned = LearnedReward(
-            blank(config),
+            blank(config, _head(about)),
             config,
             *(_names(about, field) for field in ("classes", "robots", "objects")),
             activity=rule,
@@ -156,6 +175,13 @@ def _positive(about, field):
     if value is not None and not (type(value) in (int, float) and 0 < value < 1e30):
         raise ConfigError(f"{field} is {value!r:.60}; it must be a number above 0, or None.")
     return None if value is None else float(value)
+
+
+def _head(about):
+    head = about.get("head")
+    if not (head is None or isinstance(head, str)):
+        raise ConfigError(f"head is {head!r:.60}; it must be the name of a method, or None.")
+    return head
 
 
 def _names(about, field):

@@ -72,6 +72,25 @@ def touch(
     return active | some[:, None]
 
 
+def rewound(
+    key: PRNGKeyArray,
+    frames: Int[Array, "V F"],
+    valid: Bool[Array, "V F"],
+    probability: Float[Array, ""] | float,
+) -> Int[Array, "V F"]:
+    """Some videos play up to a frame of the second half, then as far back as frames are left.
+
+    Rewinding of ReWiND (arXiv 2505.10911): o_1, ..., o_i, o_(i-1), ..., o_(i-k). Padding stays.
+    """
+    some_key, turn_key = jax.random.split(key)
+    count = jnp.sum(valid, axis=1)[:, None]
+    some = jax.random.bernoulli(some_key, probability, count.shape)
+    turn = jax.random.randint(turn_key, count.shape, count // 2, jnp.maximum(count, 1))
+    place = jnp.arange(frames.shape[1])
+    back = some & valid & (place > turn)
+    return jnp.take_along_axis(frames, jnp.where(back, 2 * turn - place, place), axis=1)
+
+
 class Copy(NamedTuple):
     """A frame with displaced objects."""
 

@@ -16,10 +16,12 @@ from gril_jax.config.tables import ALIGNMENTS, find
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import NodeConfig, Params
 from gril_jax.encoders.ensemble import num_members
+from gril_jax.errors import ConfigError
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.losses import (
     decode,
     decode_graph,
+    heads,
     mean_consistency,
     reconstruction,
     soft_dtw_divergence,
@@ -57,8 +59,10 @@ def latents(
 ) -> tuple[Float[Array, "F D"], Float[Array, "F N H"] | None, Nodes]:
     """Latents, node embeddings and nodes of some frames of one demonstration.
 
-    An encoder that does not embed nodes, or an ensemble, gives None for them.
+    An encoder that does not embed nodes, or an ensemble, gives None for them. In frames that are
+    played backwards, what has moved by then still counts as moved.
     """
+    seen = jax.lax.cummax(frames) if config.rewind > 0 else frames
 
     def one(center, size, active):
         graph = scene_graph(center, size, demo.label, demo.is_robot, active, demo.present)
@@ -69,12 +73,13 @@ def latents(
         latent = encoder.readout(params, nodes, graph, config.encoder, alpha=hyper.alpha)
         return latent, nodes, graph.nodes
 
-    return jax.vmap(one)(demo.center[frames], demo.size[frames], active[frames])
+    return jax.vmap(one)(demo.center[frames], demo.size[frames], active[seen])
 
 
 def terms(
     encoder_params: Params,
     decoder_params: Params,
+    head: heads.Head | None,
     key: PRNGKeyArray,
     demos: DemoBatch,
     active: Bool[Array, "V T N"],
@@ -82,11 +87,16 @@ def terms(
     valid: Bool[Array, "V F"],
     hyper: Hyper,
     config: Static,
+    stages: Float[Array, "V T"] | None = None,
 ) -> Terms:
     """The loss of a batch of videos, term by term.
 
-    `frames` are samples of each video, in order of time; `valid` are those that are not padding.
-    The key, of stochastic matching, is consumed.
+    `frames` are samples of each video, in the order in which they are played; `valid` are those
+    that are not padding. `stages` are those of `gril_jax.pretraining.stages`, for a head that
+    learns from them. The key, of whatever is sampled, is consumed.
+
+    Raises:
+      ConfigError: as for `aligned`.
     """
 
     def video(demo, active, frames):
@@ -96,7 +106,10 @@ def terms(
 
     found, rebuilt = jax.vmap(video)(demos, active, frames)
     times = frames / demos.length[:, None]
-    consistency, agreement = aligned(key, found, times, valid, hyper, config)
+    if stages is not None:
+        stages = jnp.take_along_axis(stages, frames, axis=1)
+    clips = heads.Clip(found, frames, demos.length, valid, stages)
+    consistency, agreement = aligned(key, found, times, valid, hyper, config, head, clips)
     counted = valid[:, :, None] & _decodable(demos, config)[:, None, :]
     total = jnp.sum(jnp.where(counted, rebuilt, 0.0))
     return Terms(
@@ -129,6 +142,8 @@ class Frames(NamedTuple):
     valid: Bool[Array, "V F"]
     plain: Float[Array, ""]  # cycle-consistency through all videos, computed in any case
     hyper: Hyper
+    head: heads.Head | None = None
+    clips: heads.Clip | None = None  # of each video, for the head
 
 
 def aligned(
@@ -138,12 +153,23 @@ def aligned(
     valid: Bool[Array, "V F"],
     hyper: Hyper,
     config: Static | PixelStatic,
+    head: heads.Head | None = None,
+    clips: heads.Clip | None = None,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The loss that the options name, and the time agreement that helps it to begin."""
+    """The loss that the options name, and the time agreement that helps it to begin.
+
+    Raises:
+      ConfigError: the options name a method that predicts progress, and `head` is missing.
+    """
     chosen = ALIGNMENTS[config.consistency]
+    if chosen.head and head is None:
+        raise ConfigError(
+            f"consistency is {config.consistency!r}, which needs a head, but there is none: an "
+            "encoder of pictures has none, and one of boxes has the head that `init` made."
+        )
     how = dict(form=chosen.form, temperature=hyper.temperature, similarity=chosen.similarity)
     plain, agreement = mean_consistency(latents, times, valid, **how)
-    frames = Frames(key, latents, times, valid, plain, hyper)
+    frames = Frames(key, latents, times, valid, plain, hyper, head, clips)
     losses = [find(name)(frames) for name in chosen.losses]
     return sum(losses[1:], start=losses[0]), agreement
 
@@ -169,3 +195,9 @@ def warping(frames: Frames) -> Float[Array, ""]:
     )
     count = jnp.maximum(length[one] + length[other], 1)
     return frames.hyper.soft_dtw_weight * jnp.mean(divergence / count)
+
+
+def of_head(frames: Frames) -> Float[Array, ""]:
+    """The loss of a head that predicts progress, mean over videos."""
+    keys = jax.random.split(frames.key, frames.latents.shape[0])
+    return jnp.mean(jax.vmap(frames.head.loss)(keys, frames.clips))

@@ -65,6 +65,8 @@ class Static(PixelStatic):
     sets it, may increase the reward.
     """
 
+    rewind: float = PretrainConfig.rewind
+    """Probability that a video of a batch ends with a part played backwards."""
     num_perturbations: int = PretrainConfig.num_perturbations
     """Copies with displaced objects of each copied frame, see `gril_jax.pretraining.contrast`;
     0 makes none."""

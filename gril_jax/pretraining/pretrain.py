@@ -22,17 +22,20 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from gril_jax import metrics, reward
 from gril_jax.audit.scene_reward import Scene
+from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.encoders import encoder
 from gril_jax.encoders.encoder import Params
 from gril_jax.encoders.ensemble import num_members
 from gril_jax.errors import ConfigError
 from gril_jax.graphs import activity
+from gril_jax.losses import heads
 from gril_jax.reward import RewardParams
 from gril_jax.types import DemoBatch
 
 from . import batch as pretrain_batch
 from . import contrast as pretrain_contrast
 from . import loss as pretrain_loss
+from . import stages as pretrain_stages
 from .arrangement import arrangement
 from .batch import Ends
 from .final_places import final_places
@@ -45,10 +48,11 @@ _OPTIMIZER = optax.flatten(ADAM)
 
 
 class TrainParams(NamedTuple):
-    """Trained parameters. The reward needs only the encoder."""
+    """Trained parameters. The reward needs the encoder, and the head if there is one."""
 
     encoder: Params
     decoder: Params
+    head: heads.Head | None = None
 
 
 class TrainState(NamedTuple):
@@ -120,8 +124,20 @@ def init(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> TrainState:
     params = TrainParams(
         encoder.init(encoder_key, config.encoder),
         pretrain_loss.init_decoder(decoder_key, config, demos.center.shape[2]),
+        _head(jax.random.fold_in(decoder_key, 1), demos, config),
     )
     return TrainState(params, _OPTIMIZER.init(params), key, jnp.zeros((), jnp.int32))
+
+
+def _head(key: PRNGKeyArray, demos: DemoBatch, config: Static) -> heads.Head | None:
+    """The initial head of a method that predicts progress; None for other ones."""
+    chosen = ALIGNMENTS[config.consistency]
+    if not chosen.head:
+        return None
+    made = heads.of(config.consistency).init(key, config.encoder.latent)
+    if not chosen.stages:
+        return made
+    return made._replace(proportions=pretrain_stages.found(demos).proportions)
 
 
 def places(demos: DemoBatch, num_classes: int, config: Static) -> Ends:
@@ -158,11 +174,19 @@ def step(
     leaves (P, N, ...); they teach distances as copies do, also without `num_perturbations`.
 
     Raises:
-      ConfigError: as for `places`.
+      ConfigError: as for `places`, or scenes are to teach distances to a head, which has none.
     """
     active = activity_bits(demos, hyper, config)
-    ends = None
+    ends = stages = None
     apart_too = config.num_perturbations > 0 or pool is not None
+    chosen = ALIGNMENTS[config.consistency]
+    if chosen.head and apart_too:
+        raise ConfigError(
+            f"consistency is {config.consistency!r}, whose reward is no distance, so there must be "
+            "no pool, and num_perturbations must be 0."
+        )
+    if chosen.stages:
+        stages = pretrain_stages.found(demos).times
     if apart_too:
         ends = places(demos, config.encoder.num_classes, config)
 
@@ -171,18 +195,21 @@ def step(
         frames, valid, videos = pretrain_batch.draw(
             batch_key, demos.length, demos.center.shape[1], config
         )
-        batch, bits = jax.tree.map(lambda x: x[videos], (demos, active))
+        batch, bits, due = jax.tree.map(lambda x: x[videos], (demos, active, stages))
         if config.turn_scenes:
             batch = pretrain_batch.turn(turn_key, batch)
         if config.random_activity > 0:
             bits = pretrain_batch.touch(touch_key, bits, config.random_activity)
+        if config.rewind > 0:
+            rewind_key = jax.random.fold_in(batch_key, 4)
+            frames = pretrain_batch.rewound(rewind_key, frames, valid, config.rewind)
 
         fading = agreement_weight(state, hyper)
 
         def loss(params):
             cycle_key = jax.random.fold_in(batch_key, 2)  # `draw` splits it into 0 and 1
             data = batch, bits, frames, valid
-            parts = pretrain_loss.terms(*params, cycle_key, *data, hyper, config)
+            parts = pretrain_loss.terms(*params, cycle_key, *data, hyper, config, due)
             total = parts.consistency + hyper.lambda_ * parts.reconstruction
             apart = jnp.zeros(())
             if apart_too:
@@ -219,12 +246,17 @@ def embed(params: Params, demos: DemoBatch, hyper: Hyper, config: Static) -> Flo
 
 @jax.jit
 def evaluate(
-    params: Params, demos: DemoBatch, train: DemoBatch, hyper: Hyper, config: Static
+    params: Params,
+    demos: DemoBatch,
+    train: DemoBatch,
+    hyper: Hyper,
+    config: Static,
+    head: heads.Head | None = None,
 ) -> dict[str, Float[Array, ""]]:
     """Measures how well the encoder orders demonstrations, ideally unseen ones.
 
     Goal and scale of the reward come from `train`, the training demonstrations; `params` are those
-    of the encoder (`state.params.encoder`).
+    of the encoder (`state.params.encoder`), and `head` is `state.params.head`.
 
     Returns:
       `tau`: Kendall's tau of nearest-neighbour alignment, mean over ordered pairs of `demos`; an
@@ -234,16 +266,22 @@ def evaluate(
       High values say that demonstrations are ordered, not that a reward is safe to optimise.
     """
     latents = embed(params, demos, hyper, config)
-    learned = learned_reward(params, train, hyper, config)
+    learned = learned_reward(params, train, hyper, config, head)
     return figures(learned, latents, demos.length)
 
 
-def learned_reward(params: Params, train: DemoBatch, hyper: Hyper, config: Static) -> RewardParams:
-    """The reward of an encoder: its goal is the mean of the training demonstrations' last latents,
-    or `config.goals` of them."""
+def learned_reward(
+    params: Params,
+    train: DemoBatch,
+    hyper: Hyper,
+    config: Static,
+    head: heads.Head | None = None,
+) -> RewardParams:
+    """The reward of an encoder, and of its head if it has one: its goal is the mean of the training
+    demonstrations' last latents, or `config.goals` of them."""
     bits = activity_bits(train, hyper, config)
     return reward.from_demos(
-        params, train, config.encoder, alpha=hyper.alpha, active=bits, goals=config.goals
+        params, train, config.encoder, alpha=hyper.alpha, active=bits, goals=config.goals, head=head
     )
 
 

@@ -14,6 +14,9 @@ encoder take `from_latents` of its frames:
 
 An ensemble's reward is that of its most pessimistic member (`gril_jax.encoders.ensemble`).
 
+A method that predicts progress has a head (`gril_jax.losses.heads`). Its reward is the progress
+less that of the goal, with the same scale.
+
 Shapes use B for demonstrations, T for frames, N for objects and D for the latent (of all members
 side by side). G is for the goals of a set and K for the members of an ensemble. The reward takes
 one graph, or frames with any leading axes. Batch graphs, or the parameters of many seeds, with
@@ -34,6 +37,7 @@ from gril_jax.encoders.ensemble import num_members, split, worst_distance
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
+from gril_jax.losses.heads import Head
 from gril_jax.types import DemoBatch, SceneGraph, checked
 
 
@@ -44,6 +48,8 @@ class RewardParams(NamedTuple):
     goal: Float[Array, "D"] | Float[Array, "G D"]  # one latent, or a set whose nearest counts
     scale: Float[Array, ""] | Float[Array, "K"]  # reward units per latent distance, of each member
     alpha: Float[Array, ""]  # weight of an active node in the pooling (Eq. 3)
+    head: Head | None = None  # predicts progress, which is the reward in place of the distance
+    start: Float[Array, "D"] | None = None  # with a head: the mean latent of first frames
 
 
 @checked
@@ -54,7 +60,8 @@ def latent_goal_reward(
 ) -> Float[Array, "*batch"]:
     """Minus the latent distance to the goal (Eq. 7): at most 0, and 0 at the goal.
 
-    At the goal itself the gradient is zero, not NaN.
+    At the goal itself the gradient is zero, not NaN. With a head, whose progress may exceed the
+    goal's, the reward may exceed 0.
 
     Args:
       params, config: from `from_demos` or `from_latents`, and of their encoder.
@@ -79,7 +86,7 @@ def latent_reward(
     [-1.0, -0.0]
 
     Args:
-      params: its `goal` and `scale` are used.
+      params: its `goal` and `scale` are used, and its `head` and `start` if it has them.
       latent: with any leading axes. Of an ensemble, whose `scale` is (K,), the distance from a goal
         is the largest of its members' scaled distances. Of a set of goals the nearest counts.
 
@@ -88,6 +95,9 @@ def latent_reward(
     """
     goal, scale = params.goal, jnp.asarray(params.scale)
     _check_goal(goal, latent.shape[-1])
+    if params.head is not None:
+        there, here = (params.head.progress(x, params.start, goal) for x in (goal, latent))
+        return scale * (here - there)
     if goal.ndim == 1:
         return -worst_distance(latent - goal, scale)
     return -jnp.min(worst_distance(latent[..., None, :] - goal, scale), axis=-1)
@@ -102,6 +112,7 @@ def from_latents(
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
     goals: int = 1,
     ensemble_size: int = 1,
+    head: Head | None = None,
 ) -> RewardParams:
     """A reward from the latents of the demonstrations' first and last frames.
 
@@ -117,16 +128,19 @@ def from_latents(
       goals: 1 for the mean of the last latents; above 1 for a set of G of them, at equal steps in
         their order.
       ensemble_size: of the encoder that made them.
+      head: predicts progress from them; for one goal, and no ensemble.
 
     Returns:
       Reward parameters, with scale = 1 / mean distance of `first` from the goal, of a set from
       the nearest one. If that distance is 0 there is nothing to scale by, and the scale is 1.
-      Each member of an ensemble has a scale as if it were alone.
+      Each member of an ensemble has a scale as if it were alone. With a head, the distance is how
+      much more progress the goal has.
 
     Raises:
       ShapeError: there is no demonstration, or the latents' size is not a multiple of the number
         of members.
-      ConfigError: `goals` is not from 1 to the number of demonstrations.
+      ConfigError: `goals` is not from 1 to the number of demonstrations, or there is a head and
+        `goals` or `ensemble_size` is above 1.
     """
     if 0 in last.shape or first.shape != last.shape:
         raise ShapeError(
@@ -137,12 +151,18 @@ def from_latents(
         raise ConfigError(
             f"goals is {goals}; it must be from 1 to {len(last)}, the number of demonstrations."
         )
+    if head is not None and (goals, ensemble_size) != (1, 1):
+        raise ConfigError(
+            f"goals is {goals} and ensemble_size {ensemble_size}; with a head both must be 1."
+        )
     if goals == 1:
         goal = jnp.mean(last, axis=0)
     else:
         goal = last[jnp.linspace(0, len(last) - 1, goals).round().astype(jnp.int32)]
     one = jnp.ones((), jnp.float32)
-    unscaled = RewardParams(encoder_params, goal, one, jnp.asarray(alpha, jnp.float32))
+    start = None if head is None else jnp.mean(first, axis=0)
+    alpha = jnp.asarray(alpha, jnp.float32)
+    unscaled = RewardParams(encoder_params, goal, one, alpha, head, start)
 
     def scale(first, goal):
         distance = jnp.mean(-latent_reward(unscaled._replace(goal=goal), first))
@@ -163,6 +183,7 @@ def from_demos(
     alpha: Float[Array, ""] | float = PoolConfig.alpha,
     active: Bool[Array, "B T N"] | None = None,
     goals: int = 1,
+    head: Head | None = None,
 ) -> RewardParams:
     """The reward of a trained encoder, with goal and scale from its demonstrations.
 
@@ -171,7 +192,7 @@ def from_demos(
       demos: the training demonstrations; each must end with the task done.
       alpha: weight of an active node in the pooling (Eq. 3).
       active: activity bits, of the rule that rollouts will have; the paper's (Eq. 4) if left out.
-      goals: number of goals, as in `from_latents`.
+      goals, head: as in `from_latents`.
 
     Returns:
       Reward parameters. If every demonstration begins where it ends, as far as the encoder can
@@ -183,11 +204,11 @@ def from_demos(
       ConfigError: the encoder is not one of scene graphs, or `goals` is out of its range.
     """
     _check_demos(demos, config, active)
-    return _from_demos(encoder_params, demos, config, alpha, active, goals=goals)
+    return _from_demos(encoder_params, demos, config, alpha, active, head, goals=goals)
 
 
 @functools.partial(jax.jit, static_argnames="goals")
-def _from_demos(encoder_params, demos, config, alpha, active, *, goals):
+def _from_demos(encoder_params, demos, config, alpha, active, head, *, goals):
     alpha = jnp.asarray(alpha, jnp.float32)
 
     def ends(demo, active):
@@ -196,7 +217,9 @@ def _from_demos(encoder_params, demos, config, alpha, active, *, goals):
 
     first, last = jax.vmap(ends)(demos, active)
     size = num_members(config)
-    return from_latents(encoder_params, first, last, alpha=alpha, goals=goals, ensemble_size=size)
+    return from_latents(
+        encoder_params, first, last, alpha=alpha, goals=goals, ensemble_size=size, head=head
+    )
 
 
 @checked

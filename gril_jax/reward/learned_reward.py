@@ -126,7 +126,8 @@ class LearnedReward:
         is_robot: Bool[ArrayLike, "..."] | None = None,
         present: Bool[ArrayLike, "..."] | None = None,
     ) -> Float[Array, ""]:
-        """The reward of one state: at most 0, and 0 at the goal; never NaN, whatever boxes hold.
+        """The reward of one state: 0 at the goal, and at most 0 unless it predicts progress; never
+        NaN, whatever boxes hold.
 
         Args:
           center: box centres (N, 2), world units.

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from gril_jax.config import RunConfig
-from gril_jax.config.tables import ENCODERS, find
+from gril_jax.config.reward import LossConfig
+from gril_jax.config.tables import ALIGNMENTS, ENCODERS, find
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos import schema
 from gril_jax.encoders.ensemble import num_members
@@ -18,6 +19,7 @@ from gril_jax.export import reward_format
 from gril_jax.export.reward_file import load_reward
 from gril_jax.graphs import activity_rule
 from gril_jax.graphs.activity_rule import PAPER
+from gril_jax.losses import heads
 from gril_jax.report.data import read_finished
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
@@ -126,11 +128,18 @@ def with_choices(config: RunConfig, learned: LearnedReward, source: str) -> RunC
     """The configuration with a reward's choices, whatever the task; errors as `configured`."""
     goal = learned.params.goal
     goals = goal.shape[0] if goal.ndim == 2 and num_members(learned.config) == 1 else 1
+    head, consistency, pretrain = learned.params.head, config.loss.consistency, config.pretrain
+    if head is not None:  # perturbed frames teach distances
+        consistency = heads.name_of(head)
+        pretrain = dataclasses.replace(pretrain, num_perturbations=0)
+    elif ALIGNMENTS[consistency].head:
+        consistency = LossConfig.consistency  # any that has no head
     found = dataclasses.replace(
         config,
         encoder=_encoder(config, learned),
         pool=_with(config.pool, learned.activity._asdict()),
-        loss=dataclasses.replace(config.loss, goals=goals),
+        loss=dataclasses.replace(config.loss, goals=goals, consistency=consistency),
+        pretrain=pretrain,
     )
     same = setup.encoder_config(found, len(learned.classes)) == learned.config
     rule = PAPER._replace(**found.pool.rule())

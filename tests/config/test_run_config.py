@@ -273,3 +273,25 @@ def test_the_schema_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.strip() == "[]", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("loss", "section", "other", "needed"),
+    [
+        (
+            "timerewarder",
+            "pretrain",
+            {"num_perturbations": 2},
+            "num_perturbations is 2, but must be 0",
+        ),
+        ("progressor", "loss", {"goals": 3}, "loss.goals is 3, but must be 1"),
+        ("rewind", "encoder", {"ensemble_size": 2}, "ensemble_size is 2, but must be 1"),
+        ("soft_dtw", "pretrain", {"rewind": 0.5}, "pretrain.rewind is 0.5, but must be 0"),
+    ],
+)
+def test_a_consistency_that_cannot_have_another_option_refuses_it(loss, section, other, needed):
+    changes = {"loss": {"consistency": loss}}
+    changes.setdefault(section, {}).update(other)
+    chosen = {name: dataclasses.replace(SECTIONS[name], **x) for name, x in changes.items()}
+    with pytest.raises(ConfigError, match=f"{needed}, because loss.consistency is '{loss}'"):
+        RunConfig(**chosen)

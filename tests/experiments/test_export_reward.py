@@ -10,9 +10,11 @@ from support.saved_rewards import made
 
 from gril_jax import envs
 from gril_jax.cli import main
-from gril_jax.config import EncoderOptions, EnvConfig, RunConfig
+from gril_jax.config import EncoderOptions, EnvConfig, LossConfig, PretrainConfig, RunConfig
 from gril_jax.errors import RunError
 from gril_jax.export.reward_file import RewardFileError, load_reward
+from gril_jax.losses import heads
+from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.workflows import export_reward
 from gril_jax.workflows.build import setup
@@ -60,3 +62,20 @@ def test_progress_is_of_a_reward_and_of_a_lerobot_dataset(run, tmp_path, capsys)
     assert "--progress is of the reward, but --what is policy" in capsys.readouterr().err
     assert main.main(asked) == 2
     assert "must be the folder of a LeRobot dataset" in capsys.readouterr().err
+
+
+def test_a_configuration_takes_the_head_of_a_reward_or_none():
+    config = setup.encoder_config(CONFIG, 3)
+    params = made(config)
+    head = heads.of("rewind").init(jax.random.key(0), config.latent)
+    plain = LearnedReward(params, config, ("goal", "robot", "square"))
+    progress = dataclasses.replace(
+        plain, params=params._replace(head=head, start=np.zeros(config.latent))
+    )
+    for begun, learned, method in (
+        ("tcc", progress, "rewind"), ("sarm", progress, "rewind"), ("sarm", plain, "tcc"),
+        ("tcc_huber", plain, "tcc_huber"),
+    ):  # fmt: skip
+        copies = PretrainConfig(num_perturbations=2 if begun == "tcc" else 0)
+        given = dataclasses.replace(CONFIG, loss=LossConfig(consistency=begun), pretrain=copies)
+        assert export_reward.with_choices(given, learned, "it").loss.consistency == method

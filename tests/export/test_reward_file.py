@@ -20,6 +20,7 @@ from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError, GrilError, ShapeError
 from gril_jax.export.reward_file import RewardFileError, load_reward, save_reward
 from gril_jax.export.reward_format import packed
+from gril_jax.losses import heads
 from gril_jax.reward.latent_goal import latent_goal_reward
 from gril_jax.types import DemoBatch
 
@@ -293,3 +294,49 @@ def test_kinds_of_encoders_are_all_known():
     for config in CONFIGS.values():
         text = json.dumps(encoder.to_json(config))
         assert encoder.from_json(json.loads(text)) == config
+
+
+# --- a method that predicts progress
+
+
+def _with_head(method):
+    config = PAPER
+    head = heads.of(method).init(jax.random.key(0), config.latent)
+    return made(config)._replace(head=head, start=jnp.arange(config.latent, dtype=jnp.float32))
+
+
+@pytest.mark.parametrize("method", ["timerewarder", "rewind", "sarm", "progressor"])
+def test_a_head_comes_back_bit_for_bit_and_is_the_reward(tmp_path, method):
+    params, out = _with_head(method), tmp_path / "reward.npz"
+    save_reward(out, params, PAPER, **GIVEN)
+    learned = load_reward(out)
+    assert learned.about["head"] == method
+    assert jax.tree.structure(learned.params) == jax.tree.structure(params)
+    assert jax.tree.all(jax.tree.map(np.array_equal, learned.params, params))
+    seen = moment(PAPER)
+    assert latent_goal_reward(learned.params, seen, PAPER) == latent_goal_reward(
+        params, seen, PAPER
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"head": "tcc"}, ConfigError, "head is 'tcc'; it must be 'timerewarder'"),
+        ({"head": ["sarm"]}, ConfigError, "head is .'sarm'.; it must be"),
+        ({"head": "rewind"}, GrilError, "head.kernel has shape"),
+        ({"head": None}, RewardFileError, "has an array 'head.kernel'"),
+        ({"drop": ("start",)}, RewardFileError, "lacks the array 'start'"),
+        ({"arrays": {"goal": np.ones((2, 5), np.float32)}}, ShapeError, "goal has shape"),
+    ],
+)
+def test_a_head_that_does_not_fit_its_file_is_refused(tmp_path, change, error, words):
+    save_reward(tmp_path / "reward.npz", _with_head("timerewarder"), PAPER, **GIVEN)
+    with pytest.raises(error, match=words):
+        load_reward(_edited(tmp_path / "reward.npz", tmp_path / "other.npz", **change))
+
+
+def test_an_ensemble_with_a_head_is_refused(tmp_path):
+    params = made(CONFIGS["ensemble"])._replace(head=_with_head("rewind").head, start=jnp.ones(6))
+    with pytest.raises(ConfigError, match="ensemble_size is 2; with a head it must be 1"):
+        save_reward(tmp_path / "reward.npz", params, CONFIGS["ensemble"], **GIVEN)

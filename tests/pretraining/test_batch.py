@@ -81,3 +81,20 @@ def test_places_at_an_edge_lie_around_it_on_both_sides():
     assert np.quantile(nearest, 0.95) < 2 * 0.9 * 0.05  # two standard deviations
     assert (beyond.max(axis=1) < 0).mean() == pytest.approx(0.5 / 1.1, abs=0.04)  # inside
     assert beyond.max() < 0.9 * 0.05 * 5
+
+
+def test_rewound_videos_play_as_far_back_as_frames_are_left():
+    frames = jnp.array([[0, 2, 5, 6, 8, 9], [1, 3, 4, 6, 10, 11], [4, 20, 21, 22, 23, 24]])
+    valid = jnp.arange(6) < jnp.array([[6], [4], [1]])
+    turns = set()
+    for seed in range(40):
+        found = batch.rewound(jax.random.key(seed), frames, valid, 1.0)
+        for row, own, ok in zip(found.tolist(), frames.tolist(), valid.tolist(), strict=True):
+            count = sum(ok)
+            turn = row.index(max(row[:count]))
+            turns.add((count, turn))
+            back = own[: turn + 1] + own[:turn][::-1]
+            assert row == back[:count] + own[count:]
+    assert turns == {(6, 3), (6, 4), (6, 5), (4, 2), (4, 3), (1, 0)}
+    some = batch.rewound(jax.random.key(0), frames, valid, 0.0)
+    np.testing.assert_array_equal(some, frames)

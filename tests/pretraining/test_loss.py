@@ -121,20 +121,66 @@ def test_every_switch_changes_the_loss_and_nothing_is_nan(demos):
     params = pretrain.init(jax.random.key(0), demos, SMALL).params
     active = np.zeros(some.center.shape[:3], bool)
     frames, valid = np.tile(5 * np.arange(6), (3, 1)), np.ones((3, 6), bool)
+    stages = jnp.tile(jnp.linspace(0, 1, some.center.shape[1]), (3, 1))
+    methods = {name: loss.heads.of(name) for name, one in ALIGNMENTS.items() if one.head}
+    made = {
+        name: one.init(jax.random.key(2), SMALL.encoder.latent) for name, one in methods.items()
+    }
 
     @jax.jit  # one program, for they share all but the losses
-    def consistencies(*inputs):
-        configs = [dataclasses.replace(SMALL, consistency=name) for name in ALIGNMENTS]
-        found = [loss.terms(*inputs, Hyper(), config) for config in configs]
-        return jnp.stack([terms.consistency for terms in found])
+    def consistencies(encoder, decoder, _, *inputs):
+        found = []
+        for name in ALIGNMENTS:
+            config = dataclasses.replace(SMALL, consistency=name)
+            given = encoder, decoder, made.get(name), *inputs, Hyper(), config, stages
+            found.append(loss.terms(*given).consistency)
+        return jnp.stack(found)
 
     found = consistencies(*params, jax.random.key(1), some, active, frames, valid)
     assert np.isfinite(found).all()
     assert len(set(found.tolist())) == len(ALIGNMENTS)
 
-    rare = {"decoder": "graph", "consistency": "both", "updates": 1}
+    rare = {"decoder": "graph", "consistency": "both", "updates": 1, "rewind": 0.5}
     config = dataclasses.replace(SMALL, **rare, turn_scenes=True, random_activity=0.5)
     state = pretrain.init(jax.random.key(0), demos, config)
     after, metrics = pretrain.step(state, demos, Hyper(), config)
     assert all(np.isfinite(x).all() for x in metrics)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(after.params))
+
+
+def test_a_head_is_trained_with_the_encoder_and_is_the_reward(demos):
+    config = dataclasses.replace(SMALL, consistency="sarm", updates=3, rewind=1.0)
+    state = pretrain.init(jax.random.key(0), demos, config)
+    after, metrics = pretrain.step(state, demos, Hyper(), config)
+    assert np.isfinite(metrics.loss).all()
+    changed = jax.tree.map(lambda a, b: bool((a != b).any()), state.params.head, after.params.head)
+    assert changed == type(changed)(True, True, True, True, proportions=False)
+    params = after.params
+    values = pretrain.evaluate(params.encoder, demos, demos, Hyper(), config, params.head)
+    np.testing.assert_allclose(values["reward_first"], -1.0, rtol=1e-3)
+
+
+def test_a_method_without_its_head_is_refused():
+    config = dataclasses.replace(SMALL, consistency="sarm")
+    latents, times = jnp.zeros((2, 3, 4)), jnp.zeros((2, 3))
+    with pytest.raises(ConfigError, match="consistency is 'sarm', which needs a head"):
+        loss.aligned(jax.random.key(0), latents, times, times == 0, Hyper(), config)
+
+
+def test_distances_are_not_taught_to_a_head(demos):
+    config = dataclasses.replace(SMALL, consistency="rewind", num_perturbations=1)
+    state = pretrain.init(jax.random.key(0), demos, config)
+    with pytest.raises(ConfigError, match="consistency is 'rewind', whose reward is no distance"):
+        pretrain.step(state, demos, Hyper(), config)
+
+
+def test_what_has_moved_by_then_counts_as_moved_where_a_video_is_played_backwards(demos):
+    demo = jax.tree.map(lambda x: x[0], demos)
+    active = np.zeros(demo.center.shape[:2], bool)
+    active[10:, 2] = True
+    params = pretrain.init(jax.random.key(0), demos, SMALL).params.encoder
+    frames = jnp.array([0, 6, 12, 6, 0])
+    for rewind, bits in ((0.0, [0, 0, 1, 0, 0]), (0.5, [0, 0, 1, 1, 1])):
+        config = dataclasses.replace(SMALL, rewind=rewind)
+        nodes = latents_of(params, demo, active, frames, Hyper(), config)[2]
+        assert nodes.active[:, 2].tolist() == [bool(x) for x in bits]

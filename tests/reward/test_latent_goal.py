@@ -14,6 +14,7 @@ from gril_jax.encoders.encoder import EncoderConfig, InteractionConfig, MLPConfi
 from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 from gril_jax.graphs.scene import scene_graph
+from gril_jax.losses import heads
 from gril_jax.types import DemoBatch
 
 CONFIG = EncoderConfig(num_classes=4, width=8, rounds=1, latent=5)
@@ -264,3 +265,16 @@ def test_a_number_of_goals_are_last_latents_at_equal_steps():
     for count in (0, 6):
         with pytest.raises(ConfigError, match="from 1 to 5"):
             reward.from_latents({}, last, last, goals=count)
+
+
+def test_with_a_head_the_reward_is_its_progress_less_that_of_the_goal():
+    first, last = jax.random.normal(jax.random.key(0), (2, 4, 3))
+    head = heads.of("rewind")(jnp.ones((3, 1)), jnp.zeros(()))
+    params = reward.from_latents({}, first, last + 2.0, head=head)
+    np.testing.assert_allclose(at(params, params.goal), 0.0, atol=1e-6)
+    np.testing.assert_allclose(np.mean(at(params, first)), -1.0, rtol=1e-4)
+    backwards = reward.from_latents({}, last + 2.0, first, head=head)
+    assert backwards.scale == 1.0
+    np.testing.assert_allclose(params.start, first.mean(axis=0), rtol=1e-6)
+    with pytest.raises(ConfigError, match="goals is 2 and ensemble_size 1; with a head both must"):
+        reward.from_latents({}, first, last, head=head, goals=2)

@@ -19,6 +19,7 @@ import numpy as np
 from gril_jax import reward
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.config import RunConfig
+from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.demos import schema
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.pretraining import pretrain
@@ -66,7 +67,13 @@ def load(folder: Path) -> EarlierPolicy:
 
 
 def require_boxes(config: RunConfig, policies: Sequence[EarlierPolicy]) -> None:
-    """Raises ConfigError if a reward of pictures would teach or be taught by earlier policies."""
+    """Raises ConfigError if a reward of pictures would teach or be taught by earlier policies, or
+    if the new one predicts progress."""
+    if policies and ALIGNMENTS[config.loss.consistency].head:
+        raise ConfigError(
+            f"loss.consistency is {config.loss.consistency!r}, whose reward is no distance, but "
+            "hard negatives teach distances: choose another one, or leave out --hard-negatives"
+        )
     for each in (config, *(earlier.config for earlier in policies)) if policies else ():
         setup.require_boxes(each, "--hard-negatives, in the new run and in those that it names")
 

@@ -66,7 +66,8 @@ def _of_boxes(config, demos, pool) -> Learner:
     init, step = _of_members(static)
 
     def learned(state, data, hyper):
-        return pretrain.learned_reward(state.params.encoder, data[0], hyper, static)
+        params = state.params
+        return pretrain.learned_reward(params.encoder, data[0], hyper, static, params.head)
 
     return Learner(
         static,
@@ -76,7 +77,7 @@ def _of_boxes(config, demos, pool) -> Learner:
         pretrain.no_metrics(pretrain.Metrics, static.updates),
         learned,
         lambda state, data, hyper: pretrain.evaluate(
-            state.params.encoder, data[1], data[0], hyper, static
+            state.params.encoder, data[1], data[0], hyper, static, state.params.head
         ),
         lambda params, films, hyper: pretrain.embed(params, films, hyper, static),
         lambda names: demo_batch(demos.demo_set, names),

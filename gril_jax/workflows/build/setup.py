@@ -8,7 +8,7 @@ import importlib.util
 import inspect
 import io
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -17,11 +17,12 @@ import numpy as np
 from gril_jax import envs
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.command_line import nearest
-from gril_jax.config.tables import ENCODERS, alternatives, find
+from gril_jax.config.tables import ALIGNMENTS, ENCODERS, alternatives, find
 from gril_jax.config.task import NO_TASK
 from gril_jax.encoders import encoder, ensemble
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
+from gril_jax.export import reward_format
 from gril_jax.pretraining import pixel_pretrain, pretrain
 from gril_jax.pretraining.arrangement import words_of
 from gril_jax.reward.latent_goal import RewardParams
@@ -185,6 +186,12 @@ def pretrain_hyper(config: RunConfig) -> pretrain.Hyper:
     return pretrain.Hyper(*map(float, found))
 
 
+def reward_form(config: RunConfig, num_classes: int) -> Hashable:
+    """Equal for configurations whose rewards have parameters of the same shapes."""
+    head = ALIGNMENTS[config.loss.consistency].head
+    return encoder_config(config, num_classes), config.loss.goals, head
+
+
 def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     """Reward parameters of the right shapes, to restore a checkpoint into."""
     chosen = encoder_config(config, num_classes)
@@ -197,7 +204,13 @@ def blank_reward(config: RunConfig, num_classes: int) -> RewardParams:
     goal, scale, alpha = (
         np.zeros(shape, np.float32) for shape in (goal, members if members > 1 else (), ())
     )
-    return jax.device_put(RewardParams(blank, goal, scale, alpha))  # nothing is compiled
+    head, start = None, None
+    if ALIGNMENTS[config.loss.consistency].head:
+        shapes = reward_format.blank_head(config.loss.consistency, latent)
+        head = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
+        start = np.zeros(latent, np.float32)
+    found = RewardParams(blank, goal, scale, alpha, head, start)
+    return jax.device_put(found)  # nothing is compiled
 
 
 def device_in_words() -> str:

@@ -75,13 +75,13 @@ class Audit(Measure):
         return bool(self.ascents or (config.run.audit and staged))
 
     def same(self, config):
-        """The task, the encoder's form and the number of gradient searches."""
-        encoder = setup.encoder_config(config, num_classes(config.env))
-        return task_key(config), encoder, self.ascents or config.run.audit
+        """The task, the reward's form and the number of gradient searches."""
+        form = setup.reward_form(config, num_classes(config.env))
+        return task_key(config), form, self.ascents or config.run.audit
 
     def lower(self, config, params):
         """One program, for all variants."""
-        _, encoder, ascents = self.same(config)
+        _, (encoder, *_), ascents = self.same(config)
         where = self._ground(config)
         run = audit_program(encoder, where.task, ascents=ascents)
         return [run.lower(params, next(iter(where.states.values())))]

@@ -63,14 +63,14 @@ def programs(
         )
         run, steps = row.config.run, policy_setup.policy_config(row.config).num_timesteps
         kind = (run.reward, run.reward_offset, run.evaluations, steps)
-        encoder = setup.encoder_config(row.config, num_classes)
+        form = setup.reward_form(row.config, num_classes)
         if not _num_parts(len(starts) or 1, algorithm.num_envs):
             raise ConfigError(
                 f"{run.algorithm}.num_envs is {algorithm.num_envs}, but must be "
                 + (f"a multiple of {2 * len(starts)}" if len(starts) > 1 else "even")
                 + ": half of the environments play deterministic actions in evaluations"
             )
-        key = (row.config.env, algorithm.static, encoder, kind)
+        key = (row.config.env, algorithm.static, form, kind)
         groups.setdefault(key, (algorithm, []))[1].append(row)
     found: list[Program] = []
     for algorithm, members in groups.values():

@@ -43,6 +43,9 @@ def test_a_reward_of_pictures_learns_from_no_policy(tmp_path):
         with pytest.raises(ConfigError, match=r"must be 'paper', .* for --hard-negatives"):
             hard_negatives.require_boxes(new, [earlier])
     hard_negatives.require_boxes(CONFIG, [_trained_as(CONFIG)])
+    loss = dataclasses.replace(CONFIG.loss, consistency="rewind")
+    with pytest.raises(ConfigError, match=r"consistency is 'rewind', whose reward is no dist"):
+        hard_negatives.require_boxes(dataclasses.replace(CONFIG, loss=loss), [_trained_as(CONFIG)])
 
 
 def _trained_as(config):

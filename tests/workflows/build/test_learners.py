@@ -12,8 +12,10 @@ from support.kinematic_demos import kinematic_demos
 from gril_jax import reward
 from gril_jax.config import EncoderOptions, LossConfig, PretrainConfig, RunConfig
 from gril_jax.config.files import load
+from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.encoders.ensemble import split
 from gril_jax.errors import ConfigError
+from gril_jax.losses import heads
 from gril_jax.pretraining.pretrain import Part
 from gril_jax.workflows.build import demonstrations, learners, setup
 
@@ -120,3 +122,14 @@ def test_an_encoder_that_knows_what_classes_share_gets_their_words_from_the_task
     films = load("own_videos", ["--encoder.share-attributes", "True"])
     with pytest.raises(ConfigError, match=r"encoder\.share_attributes is True, but must be False"):
         setup.encoder_config(films, 4)
+
+
+@pytest.mark.parametrize("method", [name for name, one in ALIGNMENTS.items() if one.head])
+def test_a_blank_reward_has_the_shapes_of_one_that_predicts_progress(method):
+    config = RunConfig(
+        encoder=EncoderOptions(width=4, rounds=0, latent=3), loss=LossConfig(consistency=method)
+    )
+    blank = setup.blank_reward(config, 4)
+    head = heads.of(method).init(jax.random.key(0), 3)
+    made = reward.from_latents(blank.encoder, jnp.zeros((2, 3)), jnp.ones((2, 3)), head=head)
+    assert jax.tree.map(jnp.shape, made) == jax.tree.map(jnp.shape, blank)

@@ -7,7 +7,7 @@ import pytest
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.files import load
 from gril_jax.rl.training import Scores
-from gril_jax.workflows.study import programs, recipe, rewards
+from gril_jax.workflows.study import audit, programs, recipe, rewards
 from gril_jax.workflows.study.programs import Counted, Program
 from gril_jax.workflows.study.recipe import changed
 from gril_jax.workflows.study.saved import Row, learns
@@ -46,6 +46,20 @@ def test_rewards_of_other_offsets_are_other_programs():
     ]
     found = programs.programs(rows, 7, jax.devices())
     assert [[row.cell for row in program.rows] for program in found] == [[0], [1, 2]]
+
+
+def test_rows_whose_rewards_have_other_parameters_share_no_program():
+    names = ("tcc", "tcc_huber", "rewind", "sarm", "rewind")
+    plain = {"ppo.num_envs": 4, "loss.warmup": 0}
+    rows = [
+        Row(i, 0, changed(RunConfig(), plain | {"loss.consistency": name}))
+        for i, name in enumerate(names)
+    ]
+    found = programs.programs(rows, 7, jax.devices())
+    assert [[row.cell for row in program.rows] for program in found] == [[0, 1], [2, 4], [3]]
+    measure = audit.Audit(lambda _: None, ascents=1)
+    same = [measure.same(row.config) for row in rows]
+    assert [same.index(one) for one in same] == [0, 0, 2, 3, 2]
 
 
 def test_a_program_has_at_most_so_many_policies():
