@@ -15,15 +15,13 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 
 from gril_jax.config.encoder import EncoderOptions, PoolConfig
 from gril_jax.errors import ConfigError, require_at_least
-from gril_jax.graphs.pair_statistics import pair_statistics
 from gril_jax.graphs.scene import scene_graph
 from gril_jax.types import SceneGraph
 
+from . import graph_features
 from .dense_messages import square_edges, sum_messages, thin_product
 
 Params = PyTree[Float[Array, "..."]]
-
-_EDGE = 0.3  # halves of a box; `gril_jax.pretraining.edges.WIDTH`, which this cannot import
 
 # How messages are summed; the numbers are the same. "dense" takes one sender at a time if there are
 # few; "square" takes all senders at once.
@@ -181,16 +179,8 @@ class _Messages(nn.Module):
         audible = nodes.present
         if not config.robot_messages:
             audible = audible & ~nodes.is_robot
-        edges = graph.edges
-        if config.relations:
-            edges = jnp.concatenate([edges, _relations(graph)], axis=-1)
-        edges = edges / config.length_unit
-        if config.relations:
-            edges = jnp.concatenate([edges, _side_of_edge(graph)], axis=-1)
-        if config.words:
-            edges = jnp.concatenate([edges, _alike(graph, config)], axis=-1)
-        edges = square_edges(edges, nodes.label.shape[0])
-        embedding = nn.Dense(config.width)(_node_features(nodes, config))
+        edges = square_edges(graph_features.of_edges(graph, config), nodes.label.shape[0])
+        embedding = nn.Dense(config.width)(graph_features.of_nodes(nodes, config))
         for _ in range(config.rounds):
             embedding = self._round(embedding, audible, edges)
         return embedding
@@ -220,56 +210,8 @@ class _Head(nn.Module):
     def __call__(self, pooled, graph):
         width, hidden = self.config.width, pooled
         if self.config.pair_statistics:
-            hidden = jnp.concatenate([pooled, _pair_statistics(graph, self.config)])
+            hidden = jnp.concatenate([pooled, graph_features.of_pairs(graph, self.config)])
             hidden = nn.relu(nn.Dense(2 * width)(hidden))
             width = 2 * width
         hidden = nn.relu(nn.Dense(width)(hidden))
         return nn.Dense(self.config.latent)(hidden)
-
-
-def _pair_statistics(graph, config) -> Float[Array, "S"]:
-    """Statistics of the distances between pairs of objects, the robot left out.
-
-    Without `words`, two objects of one class share both words, and others share none.
-    """
-    nodes = graph.nodes
-    words = jnp.stack([nodes.label, nodes.label], axis=-1)
-    if config.words:
-        words = jnp.array(config.words).reshape(-1, 2)[nodes.label]
-    there = nodes.present & ~nodes.is_robot
-    return pair_statistics(nodes.center / config.length_unit, words, there)[0].reshape(-1)
-
-
-def _relations(graph) -> Float[Array, "E 4"]:
-    """For each edge, along x and y: how far the receiver's box sticks out of the sender's, and how
-    far the two boxes are apart; 0 where it lies inside, or where they overlap."""
-    half = graph.nodes.size / 2
-    sender, receiver = half[graph.senders], half[graph.receivers]
-    away = jnp.abs(graph.edges[:, :2])
-    return jax.nn.relu(jnp.concatenate([away + receiver - sender, away - receiver - sender], -1))
-
-
-def _side_of_edge(graph) -> Float[Array, "E 1"]:
-    """For each edge, from -1 where the receiver's centre is well inside the sender's box to 1 where
-    it is well outside.
-
-    It changes within half the receiver's box. A reward that falls at an edge needs such a step,
-    which a network makes of lengths only with large weights.
-    """
-    size = graph.nodes.size
-    beyond = (jnp.abs(graph.edges[:, :2]) - size[graph.senders] / 2).max(axis=-1, keepdims=True)
-    half = size[graph.receivers].min(axis=-1, keepdims=True) / 2
-    return jnp.tanh(beyond / jnp.maximum(2 * _EDGE * half, 1e-3))
-
-
-def _alike(graph, config) -> Float[Array, "E 2"]:
-    """For each edge, 1 where the classes' names share their first word, and their last one."""
-    words = jnp.array(config.words).reshape(-1, 2)[graph.nodes.label]
-    return (words[graph.senders] == words[graph.receivers]).astype(jnp.float32)
-
-
-def _node_features(nodes, config):
-    """One-hot class (without `words`), centre and size."""
-    boxes = [box / config.length_unit for box in (nodes.center, nodes.size)]
-    kinds = [] if config.words else [jax.nn.one_hot(nodes.label, config.num_classes)]
-    return jnp.concatenate([*kinds, *boxes], axis=-1)

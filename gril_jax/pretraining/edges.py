@@ -8,7 +8,7 @@ rises within a few pixels of the edge, and is flat on both sides of it.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-WIDTH = 0.3  # halves of the smaller side of a box, on each side of the edge: about two pixels
+from gril_jax.encoders.graph_features import EDGE as WIDTH
 
 
 def crossed(

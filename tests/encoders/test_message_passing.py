@@ -12,7 +12,7 @@ import pytest
 from flax import linen as nn
 from support.graph_frames import random_frame
 
-from gril_jax.encoders import encoder, message_passing
+from gril_jax.encoders import encoder, graph_features, message_passing
 from gril_jax.encoders.dense_messages import square_edges, sum_messages, thin_product
 from gril_jax.encoders.encoder import EncoderConfig
 from gril_jax.encoders.message_passing import node_weights, weighted_pool
@@ -38,10 +38,10 @@ def _by_jraph(params, graph, config):
 
     edges = [graph.edges / unit]
     if config.relations:
-        edges = [jnp.concatenate([graph.edges, message_passing._relations(graph)], -1) / unit]
-        edges.append(message_passing._side_of_edge(graph))
+        edges = [jnp.concatenate([graph.edges, graph_features.relations(graph)], -1) / unit]
+        edges.append(graph_features.side_of_edge(graph))
     if config.words:
-        edges.append(message_passing._alike(graph, config))
+        edges.append(graph_features.alike(graph, config))
     kinds = [] if config.words else [jax.nn.one_hot(nodes.label, config.num_classes)]
     z = dense(0, jnp.concatenate([*kinds, nodes.center / unit, nodes.size / unit], -1))
     audible = nodes.present if config.robot_messages else nodes.present & ~nodes.is_robot
@@ -171,7 +171,7 @@ def _graph(center):
 
 def test_relations_are_overhang_and_gap_of_plain_arithmetic():
     graph = _graph(CENTER)
-    found = np.asarray(message_passing._relations(graph))
+    found = np.asarray(graph_features.relations(graph))
     for edge, (s, r) in enumerate(
         zip(graph.senders.tolist(), graph.receivers.tolist(), strict=True)
     ):
@@ -182,7 +182,7 @@ def test_relations_are_overhang_and_gap_of_plain_arithmetic():
 
 
 def test_the_side_of_an_edge_changes_where_a_centre_crosses_it():
-    found = np.asarray(message_passing._side_of_edge(_graph(CENTER)))[:, 0]
+    found = np.asarray(graph_features.side_of_edge(_graph(CENTER)))[:, 0]
     graph = _graph(CENTER)
     for edge, (s, r) in enumerate(
         zip(graph.senders.tolist(), graph.receivers.tolist(), strict=True)
@@ -204,7 +204,7 @@ ALIKE = EncoderConfig(3, width=8, rounds=1, latent=4, words=WORDS)
 
 def test_edges_know_which_words_two_classes_share_and_nodes_know_no_class():
     graph = _graph(CENTER)
-    found = np.asarray(message_passing._alike(graph, ALIKE))
+    found = np.asarray(graph_features.alike(graph, ALIKE))
     pairs = list(zip(graph.senders.tolist(), graph.receivers.tolist(), strict=True))
     assert found[pairs.index((1, 2))].tolist() == [0, 1]  # both stars, of two colours
     assert found[pairs.index((0, 1))].tolist() == [0, 0]
@@ -297,12 +297,12 @@ def test_statistics_of_pairs_are_those_of_objects_without_the_robot_and_padding(
     none = jnp.zeros(3, bool)
     robot, present = jnp.array([True, False, False]), jnp.array([True, True, True])
     graph = scene_graph(CENTER, SIZE, jnp.arange(3), robot, none, present)
-    found = np.asarray(message_passing._pair_statistics(graph, PAIRS)).reshape(5, -1)
+    found = np.asarray(graph_features.of_pairs(graph, PAIRS)).reshape(5, -1)
     apart = np.linalg.norm(CENTER[1] - CENTER[2])
     words = [True, False, True, True, False]  # all; one colour or not; one shape or not
     np.testing.assert_allclose(found[:, 0], np.where(words, apart, 0.0), atol=1e-5)
     graph = scene_graph(CENTER, SIZE, jnp.arange(3), robot, none, present.at[2].set(False))
-    np.testing.assert_allclose(message_passing._pair_statistics(graph, PAIRS), 0.0, atol=1e-5)
+    np.testing.assert_allclose(graph_features.of_pairs(graph, PAIRS), 0.0, atol=1e-5)
 
 
 def test_pooled_nodes_do_not_tell_two_pairs_from_a_cross_but_statistics_of_pairs_do():
