@@ -1,8 +1,11 @@
 """What the paper's encoder reads of a scene graph: features of nodes, of edges and of all pairs.
 
-Lengths are in units of `config.length_unit`. Shapes use N for nodes, E for edges, F for features
+`config` is an `EncoderConfig`, of which these functions know the options alone. Lengths are in its
+`length_unit`. Shapes use N for nodes, E for edges, F for features
 and S for statistics.
 """
+
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,14 +17,14 @@ from gril_jax.types import Nodes, SceneGraph
 EDGE = 0.3  # halves of the smaller side of a box, on each side of an edge: about two pixels
 
 
-def of_nodes(nodes: Nodes, config) -> Float[Array, "N F"]:
+def of_nodes(nodes: Nodes, config: Any) -> Float[Array, "N F"]:
     """One-hot class (without `words`), centre and size."""
     boxes = [box / config.length_unit for box in (nodes.center, nodes.size)]
     kinds = [] if config.words else [jax.nn.one_hot(nodes.label, config.num_classes)]
     return jnp.concatenate([*kinds, *boxes], axis=-1)
 
 
-def of_edges(graph: SceneGraph, config) -> Float[Array, "E F"]:
+def of_edges(graph: SceneGraph, config: Any) -> Float[Array, "E F"]:
     """Offset and distance; with `relations` and `words` those of the boxes and the class names."""
     edges = graph.edges
     if config.relations:
@@ -34,7 +37,7 @@ def of_edges(graph: SceneGraph, config) -> Float[Array, "E F"]:
     return edges
 
 
-def relations(graph) -> Float[Array, "E 4"]:
+def relations(graph: SceneGraph) -> Float[Array, "E 4"]:
     """For each edge, along x and y: how far the receiver's box sticks out of the sender's, and how
     far the two boxes are apart; 0 where it lies inside, or where they overlap."""
     half = graph.nodes.size / 2
@@ -43,7 +46,7 @@ def relations(graph) -> Float[Array, "E 4"]:
     return jax.nn.relu(jnp.concatenate([away + receiver - sender, away - receiver - sender], -1))
 
 
-def side_of_edge(graph) -> Float[Array, "E 1"]:
+def side_of_edge(graph: SceneGraph) -> Float[Array, "E 1"]:
     """For each edge, from -1 where the receiver's centre is well inside the sender's box to 1 where
     it is well outside.
 
@@ -56,13 +59,13 @@ def side_of_edge(graph) -> Float[Array, "E 1"]:
     return jnp.tanh(beyond / jnp.maximum(2 * EDGE * half, 1e-3))
 
 
-def alike(graph, config) -> Float[Array, "E 2"]:
+def alike(graph: SceneGraph, config: Any) -> Float[Array, "E 2"]:
     """For each edge, 1 where the classes' names share their first word, and their last one."""
     words = jnp.array(config.words).reshape(-1, 2)[graph.nodes.label]
     return (words[graph.senders] == words[graph.receivers]).astype(jnp.float32)
 
 
-def of_pairs(graph, config) -> Float[Array, "S"]:
+def of_pairs(graph: SceneGraph, config: Any) -> Float[Array, "S"]:
     """Statistics of the distances between pairs of objects, the robot left out.
 
     Without `words`, two objects of one class share both words, and others share none.
