@@ -5,6 +5,7 @@ y to its left, z up, and the table is at z = 0; lengths are metres. What lies on
 Actions: see `panda.kinematics.aim`. Objects: left finger, right finger, hand, then the task's.
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -154,14 +155,23 @@ class Tabletop:
         None if the task has no layout. Boxes are in the order of `objects`. The hand is where its
         boxes are, and holds what it holds there, but higher if it touches anything else.
         """
+        return functools.partial(self._place, held=False) if self.task.layout else None
+
+    @property
+    def place_held(self) -> Callable[[Array, Array, PRNGKeyArray, Array], State] | None:
+        """The same with a mask (N,) of what the hand holds, of which it gets the first loose thing.
+
+        Where the mask is False, the boxes tell whether it is held."""
         return self._place if self.task.layout else None
 
     def _place(
-        self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
-    ) -> State:
+        self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray,
+        held: Bool[Array, "N"] | bool,
+    ) -> State:  # fmt: skip
+        held = jnp.broadcast_to(jnp.asarray(held), len(center))
         own = self.task.start(key, 0.0)  # nothing of it is sampled
         start, grip = from_boxes.start_from(
-            center, size, self.task.layout, self.camera, own, self._things_of
+            center, size, self.task.layout, self.camera, own, self._things_of, held
         )
         home = jnp.asarray(self._home)
         start, arm, there = resting.hand_at(home, start, grip, self.task.layout, self._things_of)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda.kinematics import Frame, about_z
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from . import boxes
 from .boxes import Boxes, Camera
@@ -28,6 +28,8 @@ _LIE = 0.002  # metres: how far a middle's height is from that of what lies on t
 _ANYWHERE = 100.0  # metres: of what lies, along the table
 _HELD = 0.02  # metres: how far the middle of what is held is from the tool centre point
 _HEIGHTS = (0.05, 0.2, 0.4)  # metres: of the tool centre point, where the search begins
+_YAWS = (0.0, 1.57)  # rad: of the hand, where the search begins
+_LOST = 4.0  # pixels: about the cost of a finger's edge that is elsewhere
 _LIFTED = 0.02  # metres: higher than what lies, what hangs in the air
 _WITHIN = 0.04  # metres: of the tool centre point, the middle of what is held
 _PAD = 0.01  # metres: how far its middle is above or below that point
@@ -41,7 +43,7 @@ _BEYOND = 0.02  # of a rail's length: how far a thing is seen beyond its ends
 
 def start_from(
     center: Float[Array, "N 2"], size: Float[Array, "N 2"], layout: Layout, camera: Camera,
-    own: Start, things: Callable[[Array, Array], Boxes],
+    own: Start, things: Callable[[Array, Array], Boxes], held: Bool[Array, "N"],
 ) -> tuple[Start, Grip]:  # fmt: skip
     """The start at rest whose boxes in the picture are the given ones, of the robot's three objects
     and the task's, and the hand there.
@@ -62,10 +64,11 @@ def start_from(
         half = jnp.array(layout.loose)
         tool = _tool(robot, camera)
         look = jax.vmap(
-            lambda edges, half, yaw: _loose(edges, half, yaw + turned, tool[:3], camera)
+            lambda edges, half, yaw, held: _loose(edges, half, yaw + turned, tool[:3], camera, held)
         )
-        looks = look(seen[first:], half, jax.vmap(_yaw)(poses[:, 3:]))
-        grip, hung = _grip(tool, looks, half)
+        held = held[3 + first :]
+        looks = look(seen[first:], half, jax.vmap(_yaw)(poses[:, 3:]), held)
+        grip, hung = _grip(tool, looks, half, held)
         spots = base[np.array([space.fixture for space in layout.spaces], int)]
         is_held = jnp.arange(len(half)) == grip.held
         away = jnp.where(is_held[:, None], _ELSEWHERE, 0.0)
@@ -87,13 +90,16 @@ def start_from(
     return start, grip._replace(place=jnp.where(known, grip.place, jnp.nan))
 
 
-def _grip(tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array, "L 3"]):
+def _grip(
+    tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array, "L 3"],
+    known: Bool[Array, "L"],
+):  # fmt: skip
     """The hand, and the pose (x, y, z, yaw) of what it holds.
 
     Pads lie flat against what they hold, whose middle is between them.
     """
     place, yaw, opening = tool[:3], tool[3], tool[4]
-    which = jnp.argmax(looks[:, 2] - half[:, 2])
+    which = jnp.argmax(looks[:, 2] - half[:, 2] + _ANYWHERE * known)
     look, extent = looks[which], half[which]
     quarters = jnp.round((yaw - look[3]) / (jnp.pi / 2))
     fits = lambda across: across < kinematics.FINGER_RANGE[1] - _GAP  # noqa: E731
@@ -103,8 +109,9 @@ def _grip(tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array
     quarters = jnp.where(fits(extent[0]), quarters, halves)
     quarters = jnp.where(fits(extent[1]), quarters, other)
     across = jnp.where(quarters % 2 == 0, extent[1], extent[0])
-    held = (look[2] > extent[2] + _LIFTED) & fits(across)
-    held &= jnp.linalg.norm(look[:3] - place) < _WITHIN
+    hangs = look[2] > extent[2] + _LIFTED
+    hangs &= jnp.linalg.norm(look[:3] - place) < _WITHIN
+    held = (hangs | known[which]) & fits(across)
     turn = look[3] + quarters * (jnp.pi / 2)
     ahead = jnp.stack([jnp.cos(turn), jnp.sin(turn)])
     aside = jnp.clip((look[:2] - place[:2]) @ ahead, -_HELD, _HELD)
@@ -153,20 +160,24 @@ def _tool(seen: Float[Array, "3 4"], camera: Camera) -> Float[Array, "5"]:
 
     def residual(params):
         middle = kinematics.FINGER_RANGE[1] / 2
-        of_own = jnp.stack([params[3] / _GRIP_TURN, (params[4] - middle) / middle])
-        return jnp.concatenate([_misfit(shown(params), seen).reshape(-1), of_own])
+        below = jnp.minimum(params[2], 0.0) / _LIE
+        of_own = jnp.stack([params[3] / _GRIP_TURN, (params[4] - middle) / middle, below])
+        off = _misfit(shown(params), seen)
+        fingers = off[:2] / jnp.sqrt(1 + (off[:2] / _LOST) ** 2)
+        return jnp.concatenate([fingers.reshape(-1), off[2], of_own])
 
-    middle = (seen[:2, :2] + seen[:2, 2:]).mean(axis=0) / 2
+    middle = (seen[2, :2] + seen[2, 2:]) / 2
 
-    def begin(height):
-        spot = _on_plane(camera, middle, height)
-        return jnp.concatenate([spot, jnp.stack([height, *jnp.array([0.0, 0.02])])])
+    def begin(height, yaw):
+        spot = _on_plane(camera, middle, height + kinematics.TCP)
+        return jnp.concatenate([spot, jnp.stack([height, yaw, 0.02])])
 
-    found = least(residual, jax.vmap(begin)(jnp.array(_HEIGHTS)))
+    ways = jnp.array([(height, yaw) for height in _HEIGHTS for yaw in _YAWS])
+    found = least(residual, jax.vmap(begin)(*ways.T))
     return found.at[4].set(jnp.clip(found[4], *kinematics.FINGER_RANGE))
 
 
-def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera) -> Float[Array, "4"]:
+def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera, held) -> Float[Array, "4"]:
     """The pose (x, y, z, yaw) of a loose thing, which lies on the table or is held at the tool."""
 
     def residual(params, mean, about, cost):
@@ -180,6 +191,7 @@ def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera) -> Float[Ar
     abouts = jnp.array([[_ANYWHERE, _ANYWHERE, _LIE], [_HELD] * 3]).repeat(len(_TURNS), axis=0)
     # A hand hides the top of what it holds, which is no sign that a thing lies elsewhere.
     costs = jnp.array([_HIDDEN, 0.0]).repeat(len(_TURNS))
+    costs = costs.at[: len(_TURNS)].add(_ANYWHERE * held)
     turns = jnp.tile(yaw + jnp.array(_TURNS), 2)
     starts = jnp.concatenate([means, turns[:, None]], axis=1)
     return least(residual, starts, means, abouts, costs)

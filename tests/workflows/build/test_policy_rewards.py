@@ -59,7 +59,8 @@ def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them(
     assert last.any()
     blank = policy_rewards.blank(config, setup.make_env(config.env, training=False))
     num = center.shape[2]
-    assert [x.shape for x in blank.frames] == [(2048, num, 2), (2048, num, 2), (2048, num)]
+    boxes, mask = (2048, num, 2), (2048, num)
+    assert [x.shape for x in blank.frames] == [boxes, boxes, mask, mask]
 
 
 def test_films_of_other_objects_are_nothing_to_begin_at():
