@@ -18,6 +18,7 @@ _MOST = 4.0  # cost of a frame whose motion is another one
 _CHANGE = 6.0  # of taking and of letting go
 _STAYS = 0.01  # of what rests while the hand does: it is held until the hand leaves
 _NEAR = 0.1  # diagonals of the hand's box: what is nearer is touched
+_BEGINS = 6  # frames: so slow is the hand's first motion
 _MOVED = 0.15  # the same: what is brought less far is not held
 _UNSEEN = 0.02  # the same: what keeps its box while the hand moves so far is a part of no hand
 _SMOOTH = 9  # frames of the median of the hand's size
@@ -43,6 +44,8 @@ def with_held(
     """
     edges = np.stack([center - size / 2, center + size / 2], axis=2).astype(float)
     held = np.zeros(center.shape[:2], bool)
+    if not len(robots):
+        return Held(center, size, held)
     areas = np.median(size.prod(axis=-1), axis=0)
     hand = edges[:, max(robots, key=lambda part: areas[part])].copy()
     for part in robots:
@@ -111,11 +114,17 @@ def _spans(
     middle = hand.mean(axis=1)
     held = _likelier(_other(box, 0.0, scale) + _STAYS, _other(box, _step(middle), scale), near)
     found, last = [], 0
-    for begin, end in np.flatnonzero(np.diff(held, prepend=False, append=False)).reshape(-1, 2):
+    ends = np.flatnonzero(np.diff(held, prepend=False, append=False)).reshape(-1, 2)
+    for begin, end in ends.tolist():
         away = np.linalg.norm(middle[begin:end] - middle[begin], axis=-1) / scale
         if away.max() > _MOVED:
             first = begin + max(int(np.argmax(away > _ALIKE / 2)) - 1, 0)
-            found.append(slice(_out_of_rest(box, near, last, first, _ALIKE * scale / 2), end))
+            off = _ALIKE * scale / 2
+            first = _out_of_rest(box, near, last, first, off)
+            rests = np.linalg.norm(_step(middle), axis=-1)[max(last, first - _BEGINS) : first] < off
+            if rests.any():  # the hand closes before it moves
+                first -= int(np.argmax(rests[::-1]))
+            found.append(slice(first, end))
             last = end
     return found
 
