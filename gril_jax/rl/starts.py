@@ -34,7 +34,8 @@ class Frames(NamedTuple):
     center: Float[Array, "F N 2"]  # world units
     size: Float[Array, "F N 2"]
     active: Bool[Array, "F N"]  # what has moved in its video up to then
-    held: Bool[Array, "F N"]  # what the hand holds there, by its whole video
+    held: Bool[Array, "F N"] | None = None
+    """What the hand holds there, by its whole video, for a task with `place_held`."""
 
 
 class WithFrames(NamedTuple):
@@ -65,16 +66,19 @@ def of_videos(
 ) -> EpisodeState:
     """The fresh starts (R, ...), each with probability `share` replaced by a frame of a video.
 
-    A task with `place_held` is also told what the hand holds. The keys are consumed.
+    The keys are consumed.
     """
-    env = episodes.env
-    place_held = getattr(env, "place_held", None) or (lambda *of: env.place(*of[:3]))
+
+    def placed(frame, key):
+        boxes = frames.center[frame], frames.size[frame]
+        if frames.held is None:
+            return episodes.env.place(*boxes, key)
+        return episodes.env.place_held(*boxes, key, frames.held[frame])
 
     def one(fresh, key):
         key_frame, key_wanted, key_place = jax.random.split(key, 3)
         frame = jax.random.randint(key_frame, (), 0, len(frames.center))
-        center, size, active, held = (x[frame] for x in frames)
-        start = episodes.started(place_held(center, size, key_place, held), active)
+        start = episodes.started(placed(frame, key_place), frames.active[frame])
         wanted = jax.random.uniform(key_wanted) < share
         return reset_where(wanted, start._replace(varied=jnp.ones(())), fresh)
 

@@ -129,7 +129,7 @@ def test_a_frame_gives_its_boxes_and_what_has_moved_up_to_it(fresh):
     of = episodes.Episodes.of(Placing(), rewards.environmental, window=4, chosen_starts=True)
     center = jnp.arange(30.0).reshape(5, 3, 2)
     active = jnp.arange(5)[:, None] > jnp.arange(3)
-    frames = starts.Frames(center, jnp.ones((5, 3, 2)), active, ~active)
+    frames = starts.Frames(center, jnp.ones((5, 3, 2)), active)
     keys = jax.random.split(jax.random.key(0), 64)
 
     def mixed(share):

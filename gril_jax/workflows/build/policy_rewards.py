@@ -78,42 +78,42 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
     """Frames of the demonstrations, evenly over all of them, with the objects in the task's order;
     without these, the shapes."""
     label, there = _labels(config)
+    knows = hasattr(setup.make_env(config.env, training=False), "place_held")
     if demos is None:
         boxes, none = (jnp.zeros((_NUM_FRAMES, len(label), *end)) for end in ((2,), ()))
-        return starts.Frames(boxes, boxes, none > 0, none > 0)
+        return starts.Frames(boxes, boxes, none > 0, none > 0 if knows else None)
     active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **config.pool.rule())))(
         demos.center, demos.size
     )
-    center, size, held = _with_held(config, demos)
+    center, size, held = _with_held(demos) if knows else (demos.center, demos.size, None)
     shown = np.flatnonzero(there)
     order = np.array([in_the_order_of(label[there], film) for film in np.asarray(demos.label)])
     film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
     every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
     film, frame = film[every], frame[every]
     at = film[:, None], frame[:, None], order[film]
-    seen = starts.Frames(*(jnp.asarray(x)[at] for x in (center, size, active, held)))
+    seen = starts.Frames(
+        *(None if x is None else jnp.asarray(x)[at] for x in (center, size, active, held))
+    )
     if there.all():
         return seen
     # What the task does not show at its start is where no video has anything, without a size.
     far, none = jnp.full((len(film), len(label), 2), _FAR), jnp.zeros((len(film), len(label)))
     return starts.Frames(
         far.at[:, shown].set(seen.center), jnp.zeros_like(far).at[:, shown].set(seen.size),
-        *((none > 0).at[:, shown].set(x) for x in (seen.active, seen.held)),
+        (none > 0).at[:, shown].set(seen.active),
     )  # fmt: skip
 
 
-def _with_held(config: RunConfig, demos: DemoBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres and sizes (B, T, N, 2), whole ones of what a hand holds, and what it holds (B, T, N).
-
-    Where the task's `place_held` does not ask for that, the boxes are as they are."""
+def _with_held(demos: DemoBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres and sizes (B, T, N, 2), whole ones of what a hand holds, and a mask of that."""
     center, size = np.array(demos.center), np.array(demos.size)
     held = np.zeros(center.shape[:3], bool)
-    if getattr(setup.make_env(config.env, training=False), "place_held", None) is not None:
-        for film, length in enumerate(np.asarray(demos.length).tolist()):
-            parts = np.flatnonzero(demos.is_robot[film] & demos.present[film])
-            found = with_held(center[film, :length], size[film, :length], parts)
-            for all_frames, some in zip((center, size, held), found, strict=True):
-                all_frames[film, :length] = some
+    for film, length in enumerate(np.asarray(demos.length).tolist()):
+        parts = np.flatnonzero(demos.is_robot[film] & demos.present[film]).tolist()
+        found = with_held(center[film, :length], size[film, :length], parts)
+        for every, some in zip((center, size, held), found, strict=True):
+            every[film, :length] = some
     return center, size, held
 
 
