@@ -175,6 +175,12 @@ def reach(q: Float[Array, "7"], goal: Frame, *, rest: Float[Array, "7"]) -> Floa
     return q
 
 
+def pointing(yaw: Float[Array, ""], tilt: float) -> Float[Array, "3 3"]:
+    """The rotation of a hand that points down, or leans by `tilt`, rad."""
+    turn = compose(about_z(yaw), _leaning(tilt)) if tilt else about_z(yaw)
+    return turn * _DOWN
+
+
 def _leaning(tilt: float) -> Float[Array, "3 3"]:
     """A turn about y by which a hand that points down points along x, too."""
     c, s = np.cos(tilt), np.sin(tilt)
@@ -205,8 +211,7 @@ def aim(
     """
     arm, now = target[:7], tcp(target[:7])
     yaw = jnp.arctan2(now.rotation[1, 0], now.rotation[0, 0]) + TURN_STEP * action[3]
-    turn = compose(about_z(yaw), _leaning(tilt)) if tilt else about_z(yaw)
-    goal = Frame(now.position + MOVE_STEP * action[:3], turn * _DOWN)
+    goal = Frame(now.position + MOVE_STEP * action[:3], pointing(yaw, tilt))
     wanted = reach(arm, goal, rest=rest)
     limit = JOINT_SPEED * dt
     wanted = arm + jnp.clip(wanted - arm, -limit, limit)

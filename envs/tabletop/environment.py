@@ -5,7 +5,6 @@ y to its left, z up, and the table is at z = 0; lengths are metres. What lies on
 Actions: see `panda.kinematics.aim`. Objects: left finger, right finger, hand, then the task's.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -147,24 +146,29 @@ class Tabletop:
         """Starts an episode at rest with given joints, objects, and opening of each finger."""
         return self._observe(*[self._at_rest(arm, start, opening)] * 2)
 
-    @property
-    def place(self) -> Callable[[Array, Array, PRNGKeyArray], State] | None:
-        """(centres, sizes, key) -> a start with the things where these boxes lie; see `from_boxes`.
-
-        None if the task has no layout. Boxes are in the order of `objects`. The hand is where its
-        boxes are, and holds what it holds there, but higher if it touches anything else.
-        """
-        return self._place if self.task.layout else None
-
-    def _place(
+    def place(
         self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray
     ) -> State:
+        """A start with the things where these boxes lie, in the order of `objects`.
+
+        The hand is where its boxes are, and holds what it holds there, but higher if it touches
+        anything else. See `from_boxes`.
+        """
+        return self.place_held(center, size, key, jnp.zeros(len(center), bool))
+
+    def place_held(
+        self, center: Float[Array, "N 2"], size: Float[Array, "N 2"], key: PRNGKeyArray,
+        held: Bool[Array, "N"],
+    ) -> State:  # fmt: skip
+        """The same, where it is known what the hand holds: the first loose thing that is `held`.
+
+        If it is none, the boxes tell it."""
         own = self.task.start(key, 0.0)  # nothing of it is sampled
+        home, layout, tilt = jnp.asarray(self._home), self.task.layout, self.task.tilt
         start, grip = from_boxes.start_from(
-            center, size, self.task.layout, self.camera, own, self._things_of
+            center, size, layout, self.camera, own, self._things_of, held, home, tilt
         )
-        home = jnp.asarray(self._home)
-        start, arm, there = resting.hand_at(home, start, grip, self.task.layout, self._things_of)
+        start, arm, there = resting.hand_at(home, start, grip, layout, self._things_of, tilt)
         data = self._at_rest(arm, start, grip.opening)
         press = jnp.where(grip.held >= 0, kinematics.GRIP_RANGE[0], grip.opening)
         data = data._replace(target=data.target.at[7].set(press))

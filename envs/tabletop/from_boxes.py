@@ -1,12 +1,12 @@
 """The state of a table that shows given boxes, by least squares: the inverse of the camera.
 
-Sizes of things are known, and what lies has its height, so a box's four numbers tell a thing's
-place and turn; a hand, straight down, is told by its own boxes, and what it holds is at it. A seen
+Sizes of things are known, and what lies has the height of a floor, so a box's four numbers tell a
+thing's place and turn. A hand is told by its own boxes, and what it holds is at it. A seen
 box that is smaller than it should be is cheap, as things hide each other; a small turn is told from
-that to the other side by the task's own arrangement. Shapes use P for parameters, R for residuals
-and C for starts of a search.
+that to the other side by the task's own arrangement.
 """
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -14,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.panda import kinematics
 from gril_jax.envs.panda.kinematics import Frame, about_z
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from . import boxes
 from .boxes import Boxes, Camera
-from .resting import DOWN, Grip, Layout, put_down
+from .least_squares import least
+from .resting import Grip, Layout, Rail, put_down, within
 from .start import Start, free_joint
 
 _PIXEL = 2 / 256  # of the picture: how well edges are known
@@ -28,6 +29,8 @@ _LIE = 0.002  # metres: how far a middle's height is from that of what lies on t
 _ANYWHERE = 100.0  # metres: of what lies, along the table
 _HELD = 0.02  # metres: how far the middle of what is held is from the tool centre point
 _HEIGHTS = (0.05, 0.2, 0.4)  # metres: of the tool centre point, where the search begins
+_YAWS = (-0.4, 0.4, 1.2, 1.9)  # rad: of the hand from the usual, where the search begins
+_LOST = 4.0  # pixels: about the cost of a finger's edge that is elsewhere
 _LIFTED = 0.02  # metres: higher than what lies, what hangs in the air
 _WITHIN = 0.04  # metres: of the tool centre point, the middle of what is held
 _PAD = 0.01  # metres: how far its middle is above or below that point
@@ -41,7 +44,8 @@ _BEYOND = 0.02  # of a rail's length: how far a thing is seen beyond its ends
 
 def start_from(
     center: Float[Array, "N 2"], size: Float[Array, "N 2"], layout: Layout, camera: Camera,
-    own: Start, things: Callable[[Array, Array], Boxes],
+    own: Start, things: Callable[[Array, Array], Boxes], held: Bool[Array, "N"],
+    home: Float[Array, "7"], tilt: float,
 ) -> tuple[Start, Grip]:  # fmt: skip
     """The start at rest whose boxes in the picture are the given ones, of the robot's three objects
     and the task's, and the hand there.
@@ -54,29 +58,30 @@ def start_from(
     known = jnp.isfinite(center).all() & jnp.isfinite(size).all()
     edges = _edges(jnp.where(known, center, 0.0), jnp.where(known, size, 0.1))
     robot, seen = edges[:3], edges[3:]
+    first = len(seen) - len(layout.loose)
+    half, held = jnp.array(layout.loose), held[3 + first :]
     with jax.default_matmul_precision("highest"):
         base, rails = _standing(seen, layout, camera, own, things)
+        fallen = [_fallen(at, rail) for at, rail in zip(rails, layout.rails, strict=True)]
         turned = base[0, 2] - _yaw(own.fixtures[0, 3:])
-        poses = own.joints[len(layout.rails) :].reshape(-1, 7)
-        first = len(seen) - len(layout.loose)
-        half = jnp.array(layout.loose)
-        tool = _tool(robot, camera)
-        look = jax.vmap(
-            lambda edges, half, yaw: _loose(edges, half, yaw + turned, tool[:3], camera)
-        )
-        looks = look(seen[first:], half, jax.vmap(_yaw)(poses[:, 3:]))
-        grip, hung = _grip(tool, looks, half)
-        spots = base[np.array([space.fixture for space in layout.spaces], int)]
+        upright = _without_yaw(own.joints[len(layout.rails) :].reshape(-1, 7)[:, 3:])
+        yaws = turned + jax.vmap(_yaw)(own.joints[len(layout.rails) :].reshape(-1, 7)[:, 3:])
+        tool = _tool(robot, camera, home, tilt)
+        spots = _spots(layout, base, fallen)
+        sinks = jax.vmap(lambda turn, half: jnp.abs(turn[2]) @ half)(upright, half)
+        floors = _floors(seen[first:], layout, spots, sinks, camera)
+        look = functools.partial(_loose, tool=tool[:3], grip=layout.grip, camera=camera)
+        looks = jax.vmap(look)(seen[first:], half, upright, yaws, floors + sinks, held)
+        grip, hung = _grip(tool, looks, half, upright, looks[:, 2] - floors - sinks, held, layout)
         is_held = jnp.arange(len(half)) == grip.held
         away = jnp.where(is_held[:, None], _ELSEWHERE, 0.0)
-        places, heights = put_down(looks[:, np.array([0, 1, 3])] + away, half, layout.spaces, spots)
-        places = jnp.where(is_held[:, None], hung[np.array([0, 1, 3])], places)
-        heights = jnp.where(is_held, hung[2], heights)
-    loose = free_joint(places, 0.0).reshape(-1, 7).at[:, 2].set(heights)
-    fallen = [
-        jnp.where(at < rail.tips, rail.low, rail.high)
-        for at, rail in zip(rails, layout.rails, strict=True)
-    ]
+        level = half.at[:, 2].set(sinks)
+        places, heights = put_down(
+            looks[:, np.array([0, 1, 3])] + away, level, layout.spaces, spots
+        )
+        poses = jnp.stack([places[:, 0], places[:, 1], heights, places[:, 2]], axis=1)
+        poses = jnp.where(is_held[:, None], hung, poses)
+        loose = jax.vmap(_free_pose, (0, 0, None))(poses, upright, layout.middle)
     joints = jnp.concatenate([jnp.stack(fallen), loose.reshape(-1)] if fallen else [loose.ravel()])
     fixtures = free_joint(base, 0.0).reshape(-1, 7)
     known &= jnp.isfinite(joints).all() & jnp.isfinite(fixtures).all()
@@ -87,13 +92,62 @@ def start_from(
     return start, grip._replace(place=jnp.where(known, grip.place, jnp.nan))
 
 
-def _grip(tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array, "L 3"]):
-    """The hand, and the pose (x, y, z, yaw) of what it holds.
+def _fallen(at: Float[Array, ""], rail: Rail) -> Float[Array, ""]:
+    """Where a thing on a rail comes to rest."""
+    if rail.tips is None:
+        return jnp.clip(at, rail.low, rail.high)
+    return jnp.where(at < rail.tips, rail.low, rail.high)
 
-    Pads lie flat against what they hold, whose middle is between them.
+
+def _spots(layout: Layout, base: Float[Array, "M 3"], fallen: list[Array]) -> Float[Array, "S 3"]:
+    """Places (x, y, yaw) of the spaces."""
+    found = []
+    for space in layout.spaces:
+        x, y, yaw = base[space.fixture]
+        out = 0.0 if space.slide is None else fallen[space.slide]
+        found.append(jnp.stack([x - out * jnp.sin(yaw), y + out * jnp.cos(yaw), yaw]))
+    return jnp.stack(found)
+
+
+def _floors(
+    seen: Float[Array, "L 4"], layout: Layout, spots: Float[Array, "S 3"],
+    sinks: Float[Array, "L"], camera: Camera,
+) -> Float[Array, "L"]:  # fmt: skip
+    """Heights of the floors on which things lie that are seen there."""
+    middles = (seen[:, :2] + seen[:, 2:]) / 2
+    on = jax.vmap(functools.partial(_on_plane, camera))
+    floors = jnp.array([space.floor for space in layout.spaces])
+    places = jnp.stack([on(middles, floor + sinks) for floor in floors])
+    return floors @ within(layout.spaces, spots, places)
+
+
+def _without_yaw(turns: Float[Array, "L 4"]) -> Float[Array, "L 3 3"]:
+    """Rotations of loose things at yaw 0, by their quaternions."""
+    back = about_z(-jax.vmap(_yaw)(turns))
+    return kinematics.compose(back, kinematics.rotation(turns))
+
+
+def _free_pose(pose: Float[Array, "4"], upright: Float[Array, "3 3"], middle: float):
+    """Position and quaternion (7,) of a thing, from its box's middle and its yaw."""
+    lean = jnp.arctan2(upright[0, 2], upright[2, 2]) / 2  # about y: nothing leans another way
+    turn = pose[3] / 2
+    (c, s), (a, b) = (jnp.cos(turn), jnp.sin(turn)), (jnp.cos(lean), jnp.sin(lean))
+    quaternion = jnp.stack([c * a, -s * b, c * b, s * a])
+    axis = kinematics.rotation(quaternion)[:, 2]
+    return jnp.concatenate([pose[:3] - middle * axis, quaternion])
+
+
+def _grip(
+    tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array, "L 3"],
+    upright: Float[Array, "L 3 3"], hangs: Float[Array, "L"], known: Bool[Array, "L"],
+    layout: Layout,
+):  # fmt: skip
+    """The hand, and the pose (x, y, z, yaw) of what it holds; `hangs` are heights above a floor.
+
+    Pads lie flat against what they hold, whose middle is between them, or where it is taken.
     """
     place, yaw, opening = tool[:3], tool[3], tool[4]
-    which = jnp.argmax(looks[:, 2] - half[:, 2])
+    which = jnp.argmax(hangs + _ANYWHERE * known)
     look, extent = looks[which], half[which]
     quarters = jnp.round((yaw - look[3]) / (jnp.pi / 2))
     fits = lambda across: across < kinematics.FINGER_RANGE[1] - _GAP  # noqa: E731
@@ -103,18 +157,20 @@ def _grip(tool: Float[Array, "5"], looks: Float[Array, "L 4"], half: Float[Array
     quarters = jnp.where(fits(extent[0]), quarters, halves)
     quarters = jnp.where(fits(extent[1]), quarters, other)
     across = jnp.where(quarters % 2 == 0, extent[1], extent[0])
-    held = (look[2] > extent[2] + _LIFTED) & fits(across)
-    held &= jnp.linalg.norm(look[:3] - place) < _WITHIN
+    taken = layout.grip * kinematics.turned(about_z(look[3]), upright[which][:, 2])
+    point = look[:3] + taken
+    free = (hangs[which] > _LIFTED) & (jnp.linalg.norm(point - place) < _WITHIN)
+    held = (free | known[which]) & fits(across)
     turn = look[3] + quarters * (jnp.pi / 2)
     ahead = jnp.stack([jnp.cos(turn), jnp.sin(turn)])
-    aside = jnp.clip((look[:2] - place[:2]) @ ahead, -_HELD, _HELD)
-    high = jnp.clip(look[2], place[2] - _PAD, place[2] + _PAD)
-    hung = jnp.stack([*(place[:2] + aside * ahead), high, look[3]])
+    aside = jnp.clip((point[:2] - place[:2]) @ ahead, -_HELD, _HELD)
+    high = jnp.clip(point[2], place[2] - _PAD, place[2] + _PAD)
+    hung = jnp.stack([*(place[:2] + aside * ahead), high]) - taken
     grip = Grip(
         place, jnp.where(held, turn, yaw), jnp.where(held, across, opening),
         jnp.where(held, which, -1),
     )  # fmt: skip
-    return grip, hung
+    return grip, jnp.append(hung, look[3])
 
 
 def _standing(seen, layout: Layout, camera: Camera, own: Start, things):
@@ -143,43 +199,56 @@ def _standing(seen, layout: Layout, camera: Camera, own: Start, things):
     return found[: 3 * count].reshape(count, 3), found[3 * count :]
 
 
-def _tool(seen: Float[Array, "3 4"], camera: Camera) -> Float[Array, "5"]:
-    """The tool centre point of a hand that points straight down, its yaw and its opening."""
+def _tool(seen: Float[Array, "3 4"], camera: Camera, home, tilt: float) -> Float[Array, "5"]:
+    """The tool centre point of a hand that leans by `tilt`, its yaw and its opening."""
+    usual = kinematics.tcp(home).rotation[:, 0]
+    usual = jnp.arctan2(usual[1], usual[0])
 
     def shown(params):
         place, yaw, opening = params[:3], params[3], params[4]
-        hand = Frame(place.at[2].add(kinematics.TCP), about_z(yaw) * DOWN)
+        turn = kinematics.pointing(yaw, tilt)
+        hand = Frame(place - kinematics.TCP * turn[:, 2], turn)
         return _edges(*boxes.project(camera, boxes.robot(hand, opening, opening)))
 
     def residual(params):
         middle = kinematics.FINGER_RANGE[1] / 2
-        of_own = jnp.stack([params[3] / _GRIP_TURN, (params[4] - middle) / middle])
-        return jnp.concatenate([_misfit(shown(params), seen).reshape(-1), of_own])
+        below = jnp.minimum(params[2], 0.0) / _LIE
+        turned = (params[3] - usual) / _GRIP_TURN
+        turned /= jnp.sqrt(1 + (turned / 2) ** 2)
+        of_own = jnp.stack([turned, (params[4] - middle) / middle, below])
+        off = _misfit(shown(params), seen)
+        fingers = off[:2] / jnp.sqrt(1 + (off[:2] / _LOST) ** 2)
+        return jnp.concatenate([fingers.reshape(-1), off[2], of_own])
 
-    middle = (seen[:2, :2] + seen[:2, 2:]).mean(axis=0) / 2
+    middle = (seen[2, :2] + seen[2, 2:]) / 2
 
-    def begin(height):
-        spot = _on_plane(camera, middle, height)
-        return jnp.concatenate([spot, jnp.stack([height, *jnp.array([0.0, 0.02])])])
+    def begin(height, yaw):
+        spot = _on_plane(camera, middle, height + kinematics.TCP)
+        return jnp.concatenate([spot, jnp.stack([height, usual + yaw, jnp.float32(0.02)])])
 
-    found = least(residual, jax.vmap(begin)(jnp.array(_HEIGHTS)))
+    ways = jnp.array([(height, yaw) for height in _HEIGHTS for yaw in _YAWS])
+    found = least(residual, jax.vmap(begin)(*ways.T))
     return found.at[4].set(jnp.clip(found[4], *kinematics.FINGER_RANGE))
 
 
-def _loose(seen: Float[Array, "4"], half, yaw, tool, camera: Camera) -> Float[Array, "4"]:
-    """The pose (x, y, z, yaw) of a loose thing, which lies on the table or is held at the tool."""
+def _loose(
+    seen: Float[Array, "4"], half, upright, yaw, height, held, *, tool, grip: float, camera: Camera
+) -> Float[Array, "4"]:
+    """The pose (x, y, z, yaw) of a loose thing, which lies at a height or is held at the tool."""
 
     def residual(params, mean, about, cost):
-        place, turn = params[:3], params[3]
-        edges = _edges(*boxes.project(camera, Boxes(place, about_z(turn), half)))
-        of_own = jnp.stack([(turn - yaw) / _TURN, cost])
+        place, turn = params[:3], kinematics.compose(about_z(params[3]), upright)
+        edges = _edges(*boxes.project(camera, Boxes(place, turn, half)))
+        of_own = jnp.stack([(params[3] - yaw) / _TURN, cost])
         return jnp.concatenate([_misfit(edges, seen), (place - mean) / about, of_own])
 
-    lies = jnp.append(_on_plane(camera, (seen[:2] + seen[2:]) / 2, half[2]), half[2])
-    means = jnp.repeat(jnp.stack([lies, tool]), len(_TURNS), axis=0)
+    lies = jnp.append(_on_plane(camera, (seen[:2] + seen[2:]) / 2, height), height)
+    hangs = tool - grip * kinematics.turned(about_z(yaw), upright[:, 2])
+    means = jnp.repeat(jnp.stack([lies, hangs]), len(_TURNS), axis=0)
     abouts = jnp.array([[_ANYWHERE, _ANYWHERE, _LIE], [_HELD] * 3]).repeat(len(_TURNS), axis=0)
     # A hand hides the top of what it holds, which is no sign that a thing lies elsewhere.
     costs = jnp.array([_HIDDEN, 0.0]).repeat(len(_TURNS))
+    costs = costs.at[: len(_TURNS)].add(_ANYWHERE * held)
     turns = jnp.tile(yaw + jnp.array(_TURNS), 2)
     starts = jnp.concatenate([means, turns[:, None]], axis=1)
     return least(residual, starts, means, abouts, costs)
@@ -209,42 +278,3 @@ def _on_plane(camera: Camera, point: Float[Array, "2"], height) -> Float[Array, 
 def _yaw(turn: Float[Array, "4"]) -> Float[Array, ""]:
     """The turn about z of a quaternion."""
     return 2 * jnp.arctan2(turn[3], turn[0])
-
-
-_STEPS = 20
-
-
-def least(residual: Callable[..., Array], starts: Float[Array, "C P"], *of) -> Float[Array, "P"]:
-    """The parameters of least squares, over a search from each of the starts."""
-
-    def one(start, *of):
-        cost = lambda params: jnp.sum(residual(params, *of) ** 2)  # noqa: E731
-
-        def step(now, _):
-            params, least, damping = now
-            slopes, off = jax.jacfwd(residual)(params, *of), residual(params, *of)
-            square = slopes.T @ slopes
-            square += jnp.diag(damping * jnp.diagonal(square) + 1e-3)
-            tried = params - _solved(square, slopes.T @ off)
-            costs = cost(tried)
-            better = costs < least  # False for what is not finite
-            now = jnp.where(better, tried, params), jnp.where(better, costs, least)
-            return (*now, damping * jnp.where(better, 0.3, 5.0)), None
-
-        begun = start, cost(start), jnp.float32(0.03)
-        return jax.lax.scan(step, begun, length=_STEPS)[0][:2]
-
-    found, costs = jax.vmap(one)(starts, *of)
-    return found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-
-
-def _solved(square: Float[Array, "P P"], right: Float[Array, "P"]) -> Float[Array, "P"]:
-    """The solution of a few equations, positive definite, by elimination.
-
-    A library's solver would be a call of its own for each step, which no compiler joins to others.
-    """
-    both = jnp.concatenate([square, right[:, None]], axis=1)
-    for k in range(len(right)):
-        row = both[k] / both[k, k]
-        both = (both - both[:, k : k + 1] * row).at[k].set(row)
-    return both[:, -1]

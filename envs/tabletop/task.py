@@ -45,14 +45,14 @@ class Task(NamedTuple):
     episode_length: int
     by_boxes: Callable[..., Stages]
     """(classes, half_extent=) -> the stages as seen in a picture, for audits of rewards."""
+    layout: Layout
+    """The things as a picture shows them, so that a frame can be a start."""
     seen: Callable[[View, Boxes], Boxes] = lambda view, things: things
     """(view, boxes) -> boxes of what can be seen of the things, where one hides in another."""
     tilt: float = 0.0
     """By how much the hand leans, rad; see `panda.kinematics.aim`."""
     colours: tuple[tuple[float, float, float], ...] = ()
     """Of the things, RGB from 0 to 1; empty: any."""
-    layout: Layout | None = None
-    """The things as a picture shows them; without it no frame can be a start."""
     max_contacts: int = 24
     """Most contacts that a substep resolves, unless the environment is told otherwise."""
 

@@ -34,6 +34,8 @@ class Frames(NamedTuple):
     center: Float[Array, "F N 2"]  # world units
     size: Float[Array, "F N 2"]
     active: Bool[Array, "F N"]  # what has moved in its video up to then
+    held: Bool[Array, "F N"] | None = None
+    """What the hand holds there, by its whole video, for a task with `place_held`."""
 
 
 class WithFrames(NamedTuple):
@@ -67,11 +69,16 @@ def of_videos(
     The keys are consumed.
     """
 
+    def placed(frame, key):
+        boxes = frames.center[frame], frames.size[frame]
+        if frames.held is None:
+            return episodes.env.place(*boxes, key)
+        return episodes.env.place_held(*boxes, key, frames.held[frame])
+
     def one(fresh, key):
         key_frame, key_wanted, key_place = jax.random.split(key, 3)
         frame = jax.random.randint(key_frame, (), 0, len(frames.center))
-        center, size, active = (x[frame] for x in frames)
-        start = episodes.started(episodes.env.place(center, size, key_place), active)
+        start = episodes.started(placed(frame, key_place), frames.active[frame])
         wanted = jax.random.uniform(key_wanted) < share
         return reset_where(wanted, start._replace(varied=jnp.ones(())), fresh)
 

@@ -20,6 +20,7 @@ from gril_jax.envs.tabletop.moves import CLOSED, Hand, Pace
 from gril_jax.envs.tabletop.physics import TABLE, Additions
 from gril_jax.envs.tabletop.placing import Area, Spot
 from gril_jax.envs.tabletop.recorded import EARLY, Run, Script
+from gril_jax.envs.tabletop.resting import Layout, Rail, Space
 from gril_jax.envs.tabletop.reward import StageProgress, closeness
 from gril_jax.envs.tabletop.start import NOTHING, Footprint, Start, free_joint, group, place
 from gril_jax.envs.tabletop.task import Task, View
@@ -29,6 +30,7 @@ CHEST_HALF = (0.15, 0.15, 0.17)
 TRAVEL = 0.22
 FLOOR, RIM = 0.154, 0.244  # heights in the drawer
 INSIDE = ((-0.12, -0.13), (0.12, 0.14))  # the drawer's space, x and y of its frame
+_TROUGH = ((0.12, 0.13), (0.13, 0.15))  # the same, half extents without and with the walls
 BAR = (0.0, 0.21, 0.197)  # the middle of the handle, in the drawer's frame
 FRONT_CENTER, FRONT_HALF = (0.0, 0.179, 0.197), (0.13, 0.038, 0.05)  # with the handle
 ITEM_HALF = (0.02, 0.02, 0.02)
@@ -263,6 +265,11 @@ TASK = Task(
     things=("chest", "drawer", "item"), stages=("drawer open", "item in"), scene=_scene(),
     home=HOME, start=_start, boxes=_boxes, progress=_progress, episode_length=200,
     by_boxes=stages, tilt=_TILT,
+    layout=Layout(
+        (0,), (ITEM_HALF,),
+        (Space(0, *[CHEST_HALF[:2]] * 2, TOP), Space(0, *_TROUGH, FLOOR, slide=0)),
+        (Rail(1, 0.0, TRAVEL, None),),
+    ),
     colours=((0.62, 0.42, 0.24), (0.78, 0.6, 0.38), (0.45, 0.7, 0.85)),
 )  # fmt: skip
 ENTRY = Entry(TASK, SCRIPT)

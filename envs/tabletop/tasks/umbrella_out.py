@@ -19,6 +19,7 @@ from gril_jax.envs.tabletop.moves import OPEN, Hand
 from gril_jax.envs.tabletop.physics import TABLE, Additions
 from gril_jax.envs.tabletop.placing import Area
 from gril_jax.envs.tabletop.recorded import EARLY, Run, Script
+from gril_jax.envs.tabletop.resting import Layout, Space
 from gril_jax.envs.tabletop.reward import StageProgress, closeness
 from gril_jax.envs.tabletop.start import YAW, Start, free_joint, group
 from gril_jax.envs.tabletop.task import Task, View
@@ -214,6 +215,10 @@ TASK = Task(
     things=("stand", "umbrella"), stages=("umbrella out",), scene=_scene(), home=HOME,
     start=_start, boxes=_boxes, progress=_progress, episode_length=100, by_boxes=stages,
     seen=_seen,
+    layout=Layout(
+        (0,), (UMBRELLA_HALF,), (Space(0, INSIDE, STAND_HALF[:2]),),
+        middle=LENGTH / 2, grip=GRIP[2] - LENGTH / 2,
+    ),
     colours=((0.3, 0.31, 0.35), (0.2, 0.36, 0.68)),
 )  # fmt: skip
 ENTRY = Entry(TASK, SCRIPT)

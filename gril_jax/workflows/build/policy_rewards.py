@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt8
 from gril_jax import envs, reward
 from gril_jax.config import RunConfig
 from gril_jax.config.tables import REWARDS, find
+from gril_jax.demos.tracking.held import with_held
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.graphs import activity
@@ -77,19 +78,23 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
     """Frames of the demonstrations, evenly over all of them, with the objects in the task's order;
     without these, the shapes."""
     label, there = _labels(config)
+    knows = hasattr(setup.make_env(config.env, training=False), "place_held")
     if demos is None:
-        boxes = jnp.zeros((_NUM_FRAMES, len(label), 2))
-        return starts.Frames(boxes, boxes, jnp.zeros((_NUM_FRAMES, len(label)), bool))
+        boxes, none = (jnp.zeros((_NUM_FRAMES, len(label), *end)) for end in ((2,), ()))
+        return starts.Frames(boxes, boxes, none > 0, none > 0 if knows else None)
     active = jax.jit(jax.vmap(functools.partial(activity.trajectory, **config.pool.rule())))(
         demos.center, demos.size
     )
+    center, size, held = _with_held(demos) if knows else (demos.center, demos.size, None)
     shown = np.flatnonzero(there)
     order = np.array([in_the_order_of(label[there], film) for film in np.asarray(demos.label)])
     film, frame = np.nonzero(np.arange(demos.center.shape[1]) < np.asarray(demos.length)[:, None])
     every = np.linspace(0, len(film) - 1, _NUM_FRAMES).round().astype(int)
     film, frame = film[every], frame[every]
     at = film[:, None], frame[:, None], order[film]
-    seen = starts.Frames(*(jnp.asarray(x)[at] for x in (demos.center, demos.size, active)))
+    seen = starts.Frames(
+        *(None if x is None else jnp.asarray(x)[at] for x in (center, size, active, held))
+    )
     if there.all():
         return seen
     # What the task does not show at its start is where no video has anything, without a size.
@@ -98,6 +103,18 @@ def _frames(config: RunConfig, demos: DemoBatch | None) -> starts.Frames:
         far.at[:, shown].set(seen.center), jnp.zeros_like(far).at[:, shown].set(seen.size),
         (none > 0).at[:, shown].set(seen.active),
     )  # fmt: skip
+
+
+def _with_held(demos: DemoBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres and sizes (B, T, N, 2), whole ones of what a hand holds, and a mask of that."""
+    center, size = np.array(demos.center), np.array(demos.size)
+    held = np.zeros(center.shape[:3], bool)
+    for film, length in enumerate(np.asarray(demos.length).tolist()):
+        parts = np.flatnonzero(demos.is_robot[film] & demos.present[film]).tolist()
+        found = with_held(center[film, :length], size[film, :length], parts)
+        for every, some in zip((center, size, held), found, strict=True):
+            every[film, :length] = some
+    return center, size, held
 
 
 def _labels(config: RunConfig) -> tuple[Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:

@@ -32,7 +32,7 @@ def _env():
 
 @functools.cache
 def _place():
-    return jax.jit(jax.vmap(_env().place))
+    return jax.jit(jax.vmap(_env().place_held))
 
 
 @functools.cache
@@ -65,9 +65,11 @@ def _scenes():
     return _shown()(joints, fixtures, np.full(8, 0.04, np.float32))
 
 
-def _placed(objects, key=0):
+def _placed(objects, key=0, held=()):
     count = len(objects.center)
-    return _place()(objects.center, objects.size, jax.random.split(jax.random.key(key), count))
+    keys = jax.random.split(jax.random.key(key), count)
+    known = np.isin(np.arange(objects.center.shape[1]), held)
+    return _place()(objects.center, objects.size, keys, np.tile(known, (count, 1)))
 
 
 def _poses(state):
@@ -121,6 +123,18 @@ def test_what_the_hand_holds_stays_in_it_and_what_hangs_alone_lies():
         assert np.abs(play.velocities[-1][9:]).max() < 0.05
 
 
+def test_what_a_video_knows_to_be_held_is_in_the_hand_wherever_its_box_is():
+    shoe, seen = _env().classes.index("shoe A"), _carried().objects
+    center, size = np.array(seen.center), np.array(seen.size)
+    center[:, shoe], size[:, shoe] = (x[:, shoe] for x in _scenes().objects[:2])
+    unseen = seen._replace(center=center, size=size)  # the boxes are those before it was taken
+    assert (_placed(unseen).data.target[:4, 7] > 0).all()
+    found = _placed(unseen, held=(shoe,))
+    assert (found.data.target[:4, 7] < 0).all()
+    away = _poses(found)[:4, 0, :3] - _poses(_carried())[:4, 0, :3]
+    assert np.linalg.norm(away, axis=1).max() < 0.04
+
+
 def test_the_hand_is_where_it_is_seen_and_above_what_it_would_touch():
     env, data = _env(), _scenes().data
     tool = lambda state: jax.vmap(kinematics.tcp)(state.data.motion.qpos[:, :7]).position  # noqa: E731
@@ -140,6 +154,7 @@ def test_the_hand_is_where_it_is_seen_and_above_what_it_would_touch():
     def touch(data):
         every = env.world_boxes(data)
         robot, things = (jax.tree.map(lambda x, s=s: x[s], every) for s in (slice(3), slice(3, 7)))
+        things, _ = resting._hollow(things, env.task.layout, jnp.zeros(4, bool))
         return jax.vmap(jax.vmap(touching, (None, 0)), (0, None))(robot, things)
 
     seen = between(low, data.motion.qpos[:, 9:], data.fixtures)
@@ -162,7 +177,7 @@ def test_whatever_the_boxes_are_the_state_is_finite():
 def test_one_by_one_is_as_all_at_once_and_the_key_draws_nothing():
     seen, all_found = _scenes().objects, _placed(_scenes().objects)
     keys = jax.random.split(jax.random.key(0), 8)
-    one = jax.jit(_env().place)
+    one = jax.jit(_env().place)  # nothing is known to be held
     for lane in (0, 7):
         found = one(seen.center[lane], seen.size[lane], keys[lane])
         np.testing.assert_allclose(
@@ -173,9 +188,21 @@ def test_one_by_one_is_as_all_at_once_and_the_key_draws_nothing():
 
 
 @pytest.mark.parametrize(
-    "task", ["empty_container", pytest.param("rubbish_in_bin", marks=pytest.mark.slow)]
+    "task",
+    [
+        "empty_container",
+        "item_in_drawer",
+        pytest.param("rubbish_in_bin", marks=pytest.mark.slow),
+        pytest.param(
+            "umbrella_out",
+            marks=[
+                pytest.mark.slow,
+                pytest.mark.xfail(reason="at rest it is put behind the stand"),
+            ],
+        ),
+    ],
 )
-def test_other_tasks_with_walls_find_their_starts_again(task):
+def test_other_tasks_find_their_starts_again(task):
     env = envs.make(task)
 
     def around(key):
@@ -185,11 +212,6 @@ def test_other_tasks_with_walls_find_their_starts_again(task):
 
     true, found = jax.jit(jax.vmap(around))(jax.random.split(jax.random.key(0), 8))
     assert np.abs(true - found)[:, 3:].max() < 0.02
-
-
-@pytest.mark.parametrize("task", ["item_in_drawer", "umbrella_out"])
-def test_a_task_without_a_layout_places_nothing(task):
-    assert envs.make(task).place is None
 
 
 # ---------------------------------------------------------------- what lies beside what

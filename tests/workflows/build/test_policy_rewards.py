@@ -59,7 +59,29 @@ def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them(
     assert last.any()
     blank = policy_rewards.blank(config, setup.make_env(config.env, training=False))
     num = center.shape[2]
-    assert [x.shape for x in blank.frames] == [(2048, num, 2), (2048, num, 2), (2048, num)]
+    shapes = [x.shape for x in blank.frames if x is not None]
+    assert shapes == [(2048, num, 2), (2048, num, 2), (2048, num)]
+    assert made.frames.held is blank.frames.held is None  # the task has no `place_held`
+
+
+def test_a_table_s_frames_say_what_the_hand_holds():
+    config = RunConfig(env=EnvConfig(name="umbrella_out"), ppo=PPOConfig(video_state_resets=0.5))
+    demos, _ = _films(config, np.array([20, 20]))
+    center, size = np.array(demos.center), np.full(demos.center.shape, 0.2, np.float32)
+    hand, umbrella = (np.flatnonzero(np.asarray(demos.label[0]) == k)[0] for k in (2, 4))
+    way = np.clip(np.arange(20) - 6, 0, 8)[:, None] * np.array([0.0, 0.1])
+    center[:, :], center[0, :, hand], center[0, :, umbrella] = 2.0, way, way - 0.1
+    demos = demos._replace(
+        center=jnp.asarray(center), size=jnp.asarray(size), is_robot=demos.label < 3
+    )
+    learned = RewardParams({}, jnp.zeros(1), jnp.ones(()), jnp.ones(()))
+    frames = policy_rewards.parameters(config, learned, demos, 5).frames
+    held = np.asarray(frames.held)
+    assert held[512:640, 4].all()
+    assert not held[:, :4].any()
+    assert not held[1024:].any()
+    blank = policy_rewards.blank(config, setup.make_env(config.env, training=False)).frames
+    assert jax.tree.map(jnp.shape, blank) == jax.tree.map(jnp.shape, frames)
 
 
 def test_films_of_other_objects_are_nothing_to_begin_at():
