@@ -93,7 +93,7 @@ def start_from(
 
 
 def _fallen(at: Float[Array, ""], rail: Rail) -> Float[Array, ""]:
-    """Where a thing on a rail comes to rest."""
+    """The place at which a thing on a rail comes to rest."""
     if rail.tips is None:
         return jnp.clip(at, rail.low, rail.high)
     return jnp.where(at < rail.tips, rail.low, rail.high)

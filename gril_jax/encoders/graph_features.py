@@ -1,8 +1,7 @@
-"""What the paper's encoder reads of a scene graph: features of nodes, of edges and of all pairs.
+"""Features of a scene graph that the paper's encoder reads: of nodes, of edges and of all pairs.
 
 `config` is an `EncoderConfig`, of which these functions know the options alone. Lengths are in its
-`length_unit`. Shapes use N for nodes, E for edges, F for features
-and S for statistics.
+`length_unit`. Shapes use N for nodes, E for edges, F for features and S for statistics.
 """
 
 from typing import Any

@@ -35,7 +35,7 @@ class Frames(NamedTuple):
     size: Float[Array, "F N 2"]
     active: Bool[Array, "F N"]  # what has moved in its video up to then
     held: Bool[Array, "F N"] | None = None
-    """What the hand holds there, by its whole video, for a task with `place_held`."""
+    """True for things that the hand holds, by the whole video; for a task with `place_held`."""
 
 
 class WithFrames(NamedTuple):

@@ -129,7 +129,7 @@ def _in_main() -> bool:
 
 
 def _stack(frame: FrameType | None) -> Iterator[CodeType]:
-    """What is being run in a frame, and what has called that."""
+    """The code that is being run in a frame, and then that of its callers, the nearest first."""
     while frame is not None:
         yield frame.f_code
         frame = frame.f_back

@@ -1,4 +1,4 @@
-"""What a hand holds in a video, from the first motion of a thing to its release.
+"""Things that a hand holds in a video, from their first motion to their release.
 
 One frame does not tell: the hand hides a part of what it holds. Over a video a held thing moves as
 the hand does, and once the hand leaves it rests. Its box is then whole and fixed to the hand's box,
@@ -142,7 +142,7 @@ def _out_of_rest(box: Float[np.ndarray, "T 2 2"], near, last: int, first: int, o
 
 
 def _step(track: np.ndarray) -> np.ndarray:
-    """How far a track comes from a few frames before each to a few after."""
+    """The way of a track from a few frames before each frame to a few after."""
     at = np.arange(len(track))
     return track[np.minimum(at + _AROUND, len(at) - 1)] - track[np.maximum(at - _AROUND, 0)]
 

@@ -109,11 +109,11 @@ def _with_held(demos: DemoBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres and sizes (B, T, N, 2), whole ones of what a hand holds, and a mask of that."""
     center, size = np.array(demos.center), np.array(demos.size)
     held = np.zeros(center.shape[:3], bool)
-    for film, length in enumerate(np.asarray(demos.length).tolist()):
-        parts = np.flatnonzero(demos.is_robot[film] & demos.present[film]).tolist()
-        found = with_held(center[film, :length], size[film, :length], parts)
+    for video, length in enumerate(np.asarray(demos.length).tolist()):
+        parts = np.flatnonzero(demos.is_robot[video] & demos.present[video]).tolist()
+        found = with_held(center[video, :length], size[video, :length], parts)
         for every, some in zip((center, size, held), found, strict=True):
-            every[film, :length] = some
+            every[video, :length] = some
     return center, size, held
 
 

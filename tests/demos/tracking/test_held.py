@@ -1,4 +1,4 @@
-"""What a hand holds: from the first motion with it until it leaves, always with whole boxes."""
+"""Things in a hand: from the first motion with it until it leaves, always with whole boxes."""
 
 import numpy as np
 import pytest

@@ -197,7 +197,7 @@ def test_one_by_one_is_as_all_at_once_and_the_key_draws_nothing():
             "umbrella_out",
             marks=[
                 pytest.mark.slow,
-                pytest.mark.xfail(reason="at rest it is put behind the stand"),
+                pytest.mark.xfail(strict=True, reason="at rest it is put behind the stand"),
             ],
         ),
     ],

@@ -1,4 +1,4 @@
-"""What scripted experts hold, found again in the boxes of their videos."""
+"""Things that scripted experts hold, found again in the boxes of their videos."""
 
 import importlib
 
@@ -46,7 +46,7 @@ def _moved(run, loose):
 
 
 def _in_hand(env, state):
-    """Whether the gripper presses, and how far things are from the tool centre point, metres."""
+    """True where the gripper presses, and how far things are from the tool centre point, metres."""
     tool = tcp(state.data.motion.qpos[:7]).position
     away = env.world_boxes(state.data).position - tool
     return state.data.target[7] < 0, jax.numpy.linalg.norm(away, axis=1)
