@@ -34,6 +34,8 @@ def pair_statistics(
     statistics are 0.
     """
     num = len(center)
+    if num < 2:  # as for a task with one block, whose reward leaves the robot out
+        return jnp.zeros((KINDS, STATISTICS)), jnp.zeros(KINDS, jnp.int32)
     one, other = jnp.triu_indices(num, 1)
     way = center[one] - center[other]
     distance = safe_norm(way)

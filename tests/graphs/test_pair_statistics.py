@@ -46,6 +46,14 @@ def test_without_pairs_there_is_nothing():
     np.testing.assert_allclose(found, 0.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("objects", [0, 1])
+def test_fewer_than_two_objects_have_no_pairs(objects):
+    found, count = OF(jnp.ones((objects, 2)), WORDS[:objects], THERE[:objects])
+    assert found.shape == (5, STATISTICS)
+    assert not found.any()
+    assert not count.any()
+
+
 def test_a_bend_is_wider_than_a_line_and_two_heaps_have_a_longer_link_than_one():
     line = jnp.array([[0.0, 0.0], [0.3, 0.0], [0.6, 0.0], [0.9, 0.0], [0.0, 0.0], [0.0, 0.0]])
     bend = line.at[2:4, 1].set(0.2)

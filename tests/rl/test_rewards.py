@@ -105,6 +105,7 @@ def test_the_learned_reward_is_that_of_the_scene_with_its_activity_bits(encoded)
     [
         (CONFIG, True),
         (encoder.EncoderConfig(3, width=4, latent=3, relations=True, ensemble_size=2), True),
+        (encoder.EncoderConfig(3, width=4, latent=3, pair_statistics=True), True),
         (encoder.EncoderConfig(3, width=4, latent=3, pool_robot=True), False),
         (encoder.EncoderConfig(3, width=4, latent=3, robot_messages=True), False),
         (encoder.InteractionConfig(3, width=3, pool_robot=False, robot_messages=False), True),
