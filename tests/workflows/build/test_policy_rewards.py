@@ -10,7 +10,7 @@ from gril_jax.envs import registry
 from support.kinematic_demos import kinematic_demos
 from support.probes import Probe
 
-from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
+from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings, files
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.staircase import Staircase
@@ -18,6 +18,7 @@ from gril_jax.rl import rewards
 from gril_jax.rl.episodes import Episodes
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
 from gril_jax.workflows.build.starts import Group, draw, evaluated_from, which
+from gril_jax.workflows.study import recipe
 
 FRAMES = 140
 ENDS = (35, 75, 115)
@@ -39,6 +40,23 @@ def _films(config, length):
     demos = kinematic_demos(0, len(length), num_objects=len(label), max_length=20)
     demos = demos._replace(length=jnp.asarray(length), label=jnp.asarray(label[orders]))
     return demos, np.argsort(orders, axis=1)
+
+
+@pytest.mark.parametrize(
+    "task", sorted({row["env.name"] for row in recipe.load("suite").rows.values()})
+)
+def test_the_reward_of_each_task_of_the_suite_takes_its_states(task):
+    config = files.load("magical_suite", [f"--env.name={task}"])
+    env = setup.make_env(config.env, training=True)
+    algorithm = policy_setup.make_algorithm(config, env)
+    begun = jax.eval_shape(algorithm.episodes.begin, jax.random.key(0))
+    action = jnp.zeros(env.action_size)
+    _, result = jax.eval_shape(
+        lambda params, begun: algorithm.episodes.advance(params, begun, action, tau=0.1),
+        policy_rewards.blank(config, env),
+        begun,
+    )
+    assert result.reward.shape == ()
 
 
 def test_frames_to_begin_at_are_those_of_the_videos_with_what_has_moved_in_them():
