@@ -5,6 +5,7 @@ uniform poses that touches nothing placed before. If none is free the first is t
 says so (`unplaced`). Blocks count as their bounding circles, a little stricter than MAGICAL's test.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -21,7 +22,7 @@ COLOURS = ("green", "blue", "yellow", "red")
 # What a detector of their pictures tells apart.
 CLASSES = ("goal", "robot", *(f"{c} {s}" for c in COLOURS for s in SHAPES))
 RADII = np.array([0.156, 0.1525, 0.138, 0.12], np.float32)  # of star, square, pentagon, circle
-_CANDIDATES = 64
+_CANDIDATES, _AT_ONCE = 64, 8
 _BESIDE = 0.6  # furthest from the place at which a robot is to stand
 _FACING = (0.55, 0.75, 0.4)  # distances from which a robot faces a point, and rad off it
 _DYNAMICS = Strengths((3.2, 5.5), (0.7, 1.5), (2.5, 4.5), (1.0, 1.8), (0.07, 0.15))
@@ -84,6 +85,32 @@ def _candidates(key: PRNGKeyArray, limit: float | Array) -> Float[Array, "C 3"]:
     return unit * jnp.stack([limit, limit, jnp.full_like(limit, jnp.pi)])
 
 
+def first_free(
+    poses: Float[Array, "C K"],
+    free: Callable[[Float[Array, "_ K"]], Bool[Array, "_"]],
+    *,
+    wanted: Bool[Array, ""] | bool = True,
+) -> tuple[Float[Array, "K"], Bool[Array, ""]]:
+    """The first of the poses that is free, and True; if none is, or none is wanted, the first of
+    all and False.
+
+    Most starts need one or two, so poses are tried a few at a time.
+    """
+
+    def more(tried):
+        at, _, found = tried
+        return jnp.asarray(wanted) & ~found & (at < len(poses))
+
+    def some(tried):
+        at, kept, _ = tried
+        few = jax.lax.dynamic_slice_in_dim(poses, at, _AT_ONCE)
+        good = free(few)
+        return at + _AT_ONCE, jnp.where(good.any(), few[jnp.argmax(good)], kept), good.any()
+
+    begun = jnp.zeros((), jnp.int32), poses[0], jnp.zeros((), bool)
+    return jax.lax.while_loop(more, some, begun)[1:]
+
+
 def place_robot(
     key: PRNGKeyArray,
     robot: Robot,
@@ -94,10 +121,11 @@ def place_robot(
     arena: float,
     facing: Float[Array, "2"] | None = None,
     at: Float[Array, "2"] | None = None,
+    wanted: Bool[Array, ""] | bool = True,
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
     """Samples a robot pose clear of walls, blocks and region (None: may stand in it), anywhere, a
     little before a point and about `facing` it, or `at` a place or beside it, as near as one of
-    those sampled. Returns it, and True if there was none."""
+    those sampled. Returns it, and True if there was none, or none was `wanted`."""
     poses = _candidates(key, arena - 0.05 if facing is None else 1.0)
     if at is not None:
         away = jnp.linspace(0.0, 1.0, len(poses))[:, None] ** 2 * _BESIDE
@@ -110,14 +138,20 @@ def place_robot(
         ahead = jnp.stack([-jnp.sin(angle), jnp.cos(angle)], axis=1)  # a robot's y axis
         turn = angle[:, None] + aside * poses[:, 1:2]
         poses = jnp.concatenate([facing - away * ahead, turn], axis=1)
-    points = turned(poses[:, None, 2], jnp.asarray(rim(robot))) + poses[:, None, :2]  # (C, V, 2)
-    free = (jnp.abs(points) < arena).all(axis=(1, 2))
-    if goal is not None:
-        free &= (gap_to_region(points, goal) > 0).all(axis=1)
-    if len(radii):
-        apart = jnp.sum((points[:, :, None] - blocks[:, :2]) ** 2, axis=-1)
-        free &= (apart > radii**2).all(axis=(1, 2))
-    return poses[jnp.argmax(free)], ~free.any()
+    around = jnp.asarray(rim(robot))
+
+    def free(poses):
+        points = turned(poses[:, None, 2], around) + poses[:, None, :2]  # (C, V, 2)
+        good = (jnp.abs(points) < arena).all(axis=(1, 2))
+        if goal is not None:
+            good &= (gap_to_region(points, goal) > 0).all(axis=1)
+        if len(radii):
+            apart = jnp.sum((points[:, :, None] - blocks[:, :2]) ** 2, axis=-1)
+            good &= (apart > radii**2).all(axis=(1, 2))
+        return good
+
+    pose, found = first_free(poses, free, wanted=wanted)
+    return pose, ~found
 
 
 def stand(
@@ -131,7 +165,7 @@ def stand(
 ) -> Float[Array, "3"]:
     """A robot's pose at a place or beside it, and anywhere if it is not free near there."""
     there, taken = place_robot(keys[0], robot, blocks, radii, None, arena=arena, at=at)
-    elsewhere, _ = place_robot(keys[1], robot, blocks, radii, None, arena=arena)
+    elsewhere, _ = place_robot(keys[1], robot, blocks, radii, None, arena=arena, wanted=taken)
     return jnp.where(taken, elsewhere, there)
 
 

@@ -6,7 +6,7 @@ changed values, such as the rate of SAC's target networks, are arguments of the 
 """
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from gril_jax.errors import ConfigError
 
@@ -74,6 +74,9 @@ class PPOConfig(PolicyConfig):
     by_object: bool = False
     """True if the policy reads each object with the same weights. Order and number of objects then
     do not matter."""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """Numbers that a policy which reads objects multiplies: auto is bfloat16 on a GPU, float32
+    elsewhere. Weights and losses are float32."""
     sub_policies: int = field(default=1, metadata=between(1, 8))
     """Networks, one for each stage of the learned reward. With another `--reward` than stages
     there is one."""

@@ -48,6 +48,7 @@ class Static(Sizes):
     num_minibatches: int = PPOConfig.num_minibatches  # a divisor of `num_envs`
     num_epochs: int = PPOConfig.num_epochs
     by_object: bool = PPOConfig.by_object  # of tasks with `observation_rows`
+    half: bool = False  # networks that read objects multiply in bfloat16
     sub_policies: int = PPOConfig.sub_policies  # with networks of their own, one for each stage
     noise_correlation: float = PPOConfig.noise_correlation  # share of variance held for an unroll
 
@@ -107,7 +108,7 @@ class PPO(Agent):
             own = jax.eval_shape(env.reset, jax.random.key(0)).obs.shape[0]
             one = set_networks.by_object(
                 one, rows, self.observation_size, own - listed, static.hidden,
-                bits=static.observe_activity,
+                bits=static.observe_activity, half=static.half,
             )  # fmt: skip
         self.networks = dataclasses.replace(
             one,

@@ -4,10 +4,13 @@ A task may list its objects in its observation: some numbers of the robot, then 
 each region, each block, and so on. `rows` says how many there are. An object that is not there has
 zeros in its row. Neither the order of a kind's objects nor their number must matter.
 
-So each row, beside the numbers of the robot, goes through the layers of its kind. It attends to the
-other rows (two heads; Vaswani et al., NeurIPS 2017). Maxima and means over all rows summarise them
+So each row, beside the numbers of the robot, goes through the layers of its kind. Each then learns
+what all rows hold for it, by attention with one learned query for each number (Set Transformer; Lee
+et al., ICML 2019), whose cost is linear in the rows. Maxima and means over all rows summarise them
 (Deep Sets; Zaheer et al., NeurIPS 2017), and plain layers follow. Observations are taken as they
 are, of about unit size: statistics of each number by itself would tell the rows of a kind apart.
+
+With `half` products and what lies between layers are bfloat16; weights and outputs are float32.
 
 Shapes use B for any batch, O for the observation, N for rows of all kinds and H for their width.
 """
@@ -24,12 +27,18 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 Rows = tuple[tuple[int, int], ...]  # of each kind of object: how many rows, of how many numbers
 
-_HEADS = 2
 _NOWHERE = -1e9
 
 
 def by_object(
-    networks: PPONetworks, rows: Rows, size: int, before: int, hidden: Sequence[int], bits: bool
+    networks: PPONetworks,
+    rows: Rows,
+    size: int,
+    before: int,
+    hidden: Sequence[int],
+    *,
+    bits: bool,
+    half: bool = False,
 ) -> PPONetworks:
     """The networks of PPO, made to read objects one by one.
 
@@ -41,9 +50,10 @@ def by_object(
       before: numbers of the robot, which come first.
       hidden: widths of the layers that follow; a quarter of the first is H.
       bits: whether there are activity bits.
+      half: whether products are bfloat16, which a GPU multiplies faster.
     """
     outputs = networks.parametric_action_distribution.param_size
-    listing = dict(rows=rows, before=before, bits=bits, hidden=tuple(hidden))
+    listing = dict(rows=rows, before=before, bits=bits, half=half, hidden=tuple(hidden))
     policy = _network(_Objects(outputs=outputs, **listing), size)
     value = _network(_Objects(outputs=1, **listing), size)
 
@@ -74,13 +84,14 @@ class _Objects(linen.Module):
     rows: Rows
     before: int
     bits: bool
+    half: bool
     hidden: tuple[int, ...]
     outputs: int
 
     @linen.compact
     def __call__(self, observation: Float[Array, "*B O"]) -> Float[Array, "*B outputs"]:
         robot, kinds = self._listed(observation)
-        width = _HEADS * max(1, self.hidden[0] // (4 * _HEADS))
+        width = max(1, self.hidden[0] // 4)
         each, there = [], []
         for rows in kinds:
             there.append((rows[..., :-1] != 0).any(axis=-1))  # but for the bit
@@ -91,7 +102,7 @@ class _Objects(linen.Module):
         out = jnp.concatenate([robot, *_summed_up(seen, there)], axis=-1)
         for width in self.hidden:
             out = linen.swish(self._dense(width, out))
-        return self._dense(self.outputs, out)
+        return self._dense(self.outputs, out.astype(jnp.float32), last=True)
 
     def _listed(self, observation: Array) -> tuple[Array, list[Array]]:
         """Numbers of the robot and of the memory (B, R), and the rows of each kind (B, n, F) with
@@ -114,18 +125,17 @@ class _Objects(linen.Module):
         return robot, [rows for rows in kinds if rows.shape[-2]]
 
     def _asked(self, seen: Float[Array, "*B N H"], there: Bool[Array, "*B N"]) -> Array:
-        """Attention of each row to the rows that are there, (B, N, H)."""
+        """What the rows that are there answer to the learned queries, (B, 1, H)."""
         width = seen.shape[-1]
-        parts = (*seen.shape[:-1], 3, _HEADS, width // _HEADS)
-        asked = self._dense(3 * width, seen).reshape(parts)
-        query, key, value = (asked[..., i, :, :] for i in range(3))
-        score = jnp.einsum("...nhd,...mhd->...hnm", query, key) / (width // _HEADS) ** 0.5
-        weight = jax.nn.softmax(jnp.where(there[..., None, None, :], score, _NOWHERE), axis=-1)
-        found = jnp.einsum("...hnm,...mhd->...nhd", weight, value).reshape(seen.shape)
+        both = self._dense(2 * width, seen)
+        score, value = both[..., :width].astype(jnp.float32), both[..., width:]
+        weight = jax.nn.softmax(jnp.where(there[..., None], score, _NOWHERE), axis=-2)
+        found = jnp.sum(weight.astype(value.dtype) * value, axis=-2, keepdims=True)
         return self._dense(width, found)
 
-    def _dense(self, width: int, x: Array) -> Array:
-        return linen.Dense(width, kernel_init=linen.initializers.lecun_uniform())(x)
+    def _dense(self, width: int, x: Array, *, last: bool = False) -> Array:
+        products = jnp.bfloat16 if self.half and not last else None
+        return linen.Dense(width, kernel_init=linen.initializers.lecun_uniform(), dtype=products)(x)
 
 
 def _summed_up(seen: Float[Array, "*B N H"], there: Bool[Array, "*B N"]) -> list[Array]:

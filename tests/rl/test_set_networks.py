@@ -18,9 +18,8 @@ SIZE = OWN + 1 + 6 + 2  # the bits of the robot and six objects, and two numbers
 def made(request):
     """Policy and value of observations, and whether these hold activity bits."""
     size = SIZE if request.param else OWN + 2
-    found = by_object(
-        networks.make_ppo_networks(size, 3), ROWS, size, BEFORE, (32, 32), bits=request.param
-    )
+    plain = networks.make_ppo_networks(size, 3)
+    found = by_object(plain, ROWS, size, BEFORE, (32, 32), bits=request.param)
     both = found.policy_network, found.value_network
     weights = fresh_weights(jax.random.key(0), *both)
 
@@ -91,3 +90,19 @@ def test_any_width_will_do(hidden):
     said = jax.jit(lambda x: net.apply(None, weights, x))(_observations(SIZE))
     assert said.shape == (6, 2 * 3)
     assert np.isfinite(said).all()
+
+
+def test_half_products_come_near_whole_ones():
+    """Outputs are float32 and weights are the same; only products differ, by some 2^-8."""
+    plain = networks.make_ppo_networks(SIZE, 3)
+    whole, half = (
+        by_object(plain, ROWS, SIZE, BEFORE, (32, 32), bits=True, half=half).value_network
+        for half in (False, True)
+    )
+    weights = whole.init(jax.random.key(0))
+    assert jax.tree.map(np.shape, half.init(jax.random.key(1))) == jax.tree.map(np.shape, weights)
+    seen = _observations(SIZE)
+    said = [np.asarray(jax.jit(net.apply)(None, weights, seen)) for net in (whole, half)]
+    assert said[1].dtype == np.float32
+    np.testing.assert_allclose(said[1], said[0], atol=0.03)
+    assert np.abs(said[1] - said[0]).max() > 0

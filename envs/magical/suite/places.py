@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.magical import layout as layouts
-from gril_jax.envs.magical.layout import Places, gap_to_region, radii, rim, turned
+from gril_jax.envs.magical.layout import Places, first_free, gap_to_region, radii, rim, turned
 from gril_jax.envs.planar import shapes
 from gril_jax.envs.planar.contacts import frames
 from gril_jax.envs.planar.plane import Vec, fence
@@ -116,8 +116,7 @@ def _first(
     """The first of the poses made of uniform numbers in [-1, 1] that is clear, and True; if none
     is, the first of all and False."""
     poses = made(jax.random.uniform(key, (_CANDIDATES, size), minval=-1.0))
-    free = clear(poses)
-    return poses[jnp.argmax(free)], free.any()
+    return first_free(poses, clear)
 
 
 def _regions(key, plan: Plan, kinds: Kinds, known, spread, arena: float, anywhere: bool):

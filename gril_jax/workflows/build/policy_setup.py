@@ -30,6 +30,9 @@ def make_algorithm(config: RunConfig, env: envs.Env, name: str | None = None) ->
     static = setup.by_name(
         kind.Static, config.pool, section, observe_activity=seen, **config.pool.rule()
     )
+    if getattr(section, "precision", "float32") != "float32":
+        half = section.precision == "bfloat16" or jax.default_backend() == "gpu"
+        static = replace(static, half=half)
     if static.video_state_resets and getattr(env, "place", None) is None:
         raise ConfigError(
             f"{config.run.algorithm}.video_state_resets is {static.video_state_resets}, but "
