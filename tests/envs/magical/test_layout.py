@@ -166,3 +166,17 @@ def test_jitter_stays_within_its_bounds():
     off = np.abs(np.asarray(moved.regions - demo.regions)[:, 0])
     assert (off <= np.array([0.0275, 0.0275, 0.0075, 0.0075]) + 1e-6).all()
     assert not np.asarray(moved.unplaced).any()
+
+
+@pytest.mark.parametrize("good", [(), (0,), (3,), (7, 8), (8,), (5, 40), (63,)])
+def test_the_first_free_pose_is_found_a_few_at_a_time(good):
+    """As by a look at all of them at once; alone and in a batch."""
+    poses = jnp.arange(1.0, 65.0)[:, None] * jnp.ones(3)
+    free = lambda few: jnp.isin(few[:, 0], 1.0 + jnp.array(good))  # noqa: E731
+    pose, found = jax.jit(lambda: layouts.first_free(poses, free))()
+    assert found == bool(good)
+    np.testing.assert_array_equal(pose, poses[min(good, default=0)])
+    each = jax.vmap(lambda wanted: layouts.first_free(poses, free, wanted=wanted))
+    batch, both = each(jnp.array([False, True]))
+    np.testing.assert_array_equal(batch, [poses[0], pose])
+    np.testing.assert_array_equal(both, [False, found])
