@@ -180,13 +180,16 @@ def scatter(key: PRNGKeyArray, robot: Robot, radii: Float[Array, "B"], *, arena:
     points = turned(pose[2], jnp.asarray(rim(robot))) + pose[:2]
     blocks = jnp.zeros((0, 3))
     for b, key_b in enumerate(keys):
-        poses = _candidates(key_b, arena - radii[b])
-        clear = jnp.sum((poses[:, None, :2] - points) ** 2, axis=-1).min(axis=1) > radii[b] ** 2
-        clear &= gap_to_region(poses[:, :2], goal) > radii[b]
-        apart = jnp.sum((poses[:, None, :2] - blocks[:, :2]) ** 2, axis=-1)
-        clear &= (apart > (radii[b] + radii[:b]) ** 2).all(axis=1)
-        blocks = jnp.concatenate([blocks, poses[jnp.argmax(clear)][None]])
-        unplaced |= ~clear.any()
+
+        def clear(poses, b=b, placed=blocks):
+            from_robot = jnp.sum((poses[:, None, :2] - points) ** 2, axis=-1).min(axis=1)
+            apart = jnp.sum((poses[:, None, :2] - placed[:, :2]) ** 2, axis=-1)
+            free = gap_to_region(poses[:, :2], goal) > radii[b]
+            free &= (apart > (radii[b] + radii[:b]) ** 2).all(axis=1)
+            return free & (from_robot > radii[b] ** 2)
+
+        one, found = first_free(_candidates(key_b, arena - radii[b]), clear)
+        blocks, unplaced = jnp.concatenate([blocks, one[None]]), unplaced | ~found
     return Places(pose, blocks, goal[None], unplaced)
 
 
