@@ -24,7 +24,7 @@ from gril_jax.report.headline import Tile
 from gril_jax.report.style import COLOURS, GREY, WIDTH, png, shortened, styled
 from gril_jax.runs import run_dir
 
-from . import results, saved, table
+from . import predictors, results, saved, table
 from .results import PASSES, Curve, Found
 
 NAMES = ("study.md", "study.csv", "study.png", "report.html")
@@ -63,8 +63,13 @@ def redraw(folder: Path, echo: Callable[[str], None] = print) -> None:
 def text(found: Found) -> str:
     """The table as Markdown, and what failed."""
     failed = [f"The row {name!r} failed: {said}." for name, said in found.failed.items()]
-    shown = table.markdown(table.parts(found.lines, table.sections(found)))
+    shown = table.markdown(_parts(found))
     return "\n\n".join(filter(None, [shown, found.about.get("given"), *failed]))
+
+
+def _parts(found: Found) -> list[table.Part]:
+    shown = table.parts(found.lines, table.sections(found))
+    return [*shown, *(predictors.part(x) for x in [predictors.of(found)] if x)]
 
 
 # --- the figure
@@ -147,15 +152,18 @@ def page(found: Found, picture: bytes, folder: Path) -> str:
     if found.failed:
         said = [html.Step(f"{name}: {why}.", alone(name)) for name, why in found.failed.items()]
         body.append(html.Section("Failed rows", steps=said))
-    shown = table.parts(found.lines, table.sections(found))
-    body.append(html.Section("Results", [_table(one) for one in shown]))
+    body.append(html.Section("Results", [_table(one) for one in _parts(found)]))
     caption = "Each dot is a reward; a bar is at their mean."
     if found.curves:
         caption = (
             "Success with sampled actions while policies are trained, the interquartile mean over "
             f"policies within their quartiles, {_counted(found)}; dotted: that of the first row."
         )
-    body.append(html.Section("Figure", [html.Part(caption, picture, "Figure", wide=True)]))
+    figures = [html.Part(caption, picture, "Figure", wide=True)]
+    if known := predictors.of(found):
+        said = "Correlation of each measure of a reward with its policy's success, 95 % intervals."
+        figures.append(html.Part(said, png(predictors.figure(known)), "Measures", wide=True))
+    body.append(html.Section("Figure", figures))
     if pictures := [*_profiles(found), *_films(found, folder)]:
         body.append(html.Section("Rewards and policies", pictures))
     steps = [
