@@ -52,6 +52,8 @@ class _Own:
     """The study's smaller version, for a laptop."""
     rewards_only: bool = False
     """Learn rewards alone, without policies."""
+    dry_run: bool = False
+    """Say what each row would train, and how much that is, and write nothing."""
     ascents: int | None = field(default=None, metadata=optional(count()))
     """Gradient searches in a study's audits."""
     starts: int | None = field(default=None, metadata=optional(count()))
@@ -235,6 +237,8 @@ def _made(
     job = cluster_of(os.environ) if given.distributed else None
     if job is not None and (given.devices or given.cluster):
         raise ConfigError("--distributed has devices of its own: leave out --devices and --cluster")
+    if given.dry_run:
+        return lambda: _told(plan, said)
 
     def work() -> int:
         environment = dict(os.environ)
@@ -266,6 +270,14 @@ def _made(
         return processes.make(plan, count, carry_out, resume=resume, echo=echo)
 
     return work
+
+
+def _told(plan: Any, said: Sequence[str]) -> int:
+    with heavy_imports(plan.config, devices=True):
+        from gril_jax.workflows.study import driver
+    for sentence in said:
+        echo(sentence)
+    return driver.tell(plan, echo)
 
 
 def slots(devices: str | None) -> list[str | None]:

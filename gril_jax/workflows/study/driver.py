@@ -26,6 +26,7 @@ from gril_jax.runs import hosts, reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
+from gril_jax.workflows.build.policy_setup import policy_config
 
 from . import audit, measures, saved, separation, summary, variants
 from . import programs as study_programs
@@ -50,19 +51,46 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
     rows = plan.runs
     require_possible(plan, rows, new=resume is None)
     programs = _programs(plan, rows)
-    counts = {
-        "rewards": len({reward_key(row.config) for row in rows if learns(row.config)}),
-        "policies": sum(len(program.rows) for program in programs),
-        "programs": len(programs),
-    }
+    counts = _counts(rows, programs)
     with _opened(plan, resume, echo) as (run, progress, echo):
-        said = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-        echo(f"writing to {run.path}: {said}")
+        echo(f"writing to {run.path}: {_in_words(counts)}")
         failed = _train(plan, rows, programs, run, progress, echo)
         progress.end_phase()  # or its last line would follow the tables
         if not hosts.is_first():
             return 0
         return finish(run, failed, counts, echo)
+
+
+def tell(plan: Plan, echo: Echo = print) -> int:
+    """Says what `make` would train, row by row, and writes nothing. Errors are those of `make`."""
+    rows = plan.runs
+    require_possible(plan, rows, new=True)
+    programs, in_all = _programs(plan, rows), 0
+    for name, seeds in plan.work.items():
+        config, said = plan.rows[name], []
+        if learns(config):
+            said.append(f"a reward, {config.pretrain.steps:,} gradient steps")
+        if plan.study.policies:
+            steps = policy_config(config).num_timesteps
+            in_all += steps * len(seeds)
+            said.append(f"a policy of {config.env.shown_name}, {steps:,} env steps")
+        echo(f"{name}: {'; '.join(said)}; {len(seeds)} seeds")
+    more = f", {in_all:,} env steps" if in_all else ""
+    echo(f"in all {_in_words(_counts(rows, programs))}{more}, on {setup.device_in_words()}")
+    return 0
+
+
+def _counts(rows: list[Row], programs: list[study_programs.Program]) -> dict[str, int]:
+    return {
+        "rewards": len({reward_key(row.config) for row in rows if learns(row.config)}),
+        "policies": sum(len(program.rows) for program in programs),
+        "programs": len(programs),
+    }
+
+
+def _in_words(counts: Mapping[str, int]) -> str:
+    named = {what[:-1] if count == 1 else what: count for what, count in counts.items() if count}
+    return ", ".join(f"{count} {what}" for what, count in named.items())
 
 
 def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], echo: Echo) -> int:

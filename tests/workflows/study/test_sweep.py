@@ -55,6 +55,17 @@ def test_options_count_for_all_rows_whatever_these_say(planned):
     assert plan.rows["XIRL"].encoder.kind == "pixels"
 
 
+def test_a_dry_run_tells_each_row_and_writes_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    options = ("--rows", "ours,TCC*", "--seeds", "2", "--ppo.num-timesteps", "40960")
+    assert main.main(["sweep", "rewards", *options, "--dry-run"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    each = "a reward, 5,000 gradient steps; a policy of match_regions, 40,960 env steps; 2 seeds"
+    assert said[:2] == [f"ours: {each}", f"TCC alone: {each}"]
+    assert said[2].startswith("in all 4 rewards, 4 policies, 1 program, 163,840 env steps, on ")
+    assert not [*tmp_path.iterdir()]
+
+
 def test_the_smaller_version_has_a_base_rows_and_seeds_of_its_own(planned):
     plan = planned("table1", "--quick", "--algorithm", "sac")
     assert plan.work == dict.fromkeys(("environmental", "ours without robot"), range(2))
