@@ -136,15 +136,18 @@ def evaluate(
 
 @checked
 def load_policy(path: str | os.PathLike) -> TrainedPolicy:
-    """The policy in a file of `TrainedPolicy.save`, or of `gril export`.
+    """The policy of a run's folder, or in a file of `TrainedPolicy.save` or `gril export`.
 
     Raises:
       PolicyFileError: the file is missing, damaged or of another task than it says.
+      RunError: the folder holds no run with a policy, or a damaged one.
 
     Example:
       load_policy("policy.npz").evaluate(episodes=256)
+      actor = load_policy("runs/kitchen").actor()
     """
-    return TrainedPolicy.load(Path(path))
+    path = Path(path)
+    return TrainedPolicy.of_run(path) if path.is_dir() else TrainedPolicy.load(path)
 
 
 def _of_seeds(

@@ -19,10 +19,12 @@ from gril_jax.export import policy_file
 from gril_jax.report import rates
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
 from gril_jax.rl.training import Algorithm
+from gril_jax.runs import run_dir
 from gril_jax.workflows import evaluate as evaluation
 from gril_jax.workflows.build import filming, policy_rewards, policy_setup, setup
 
 from . import inputs
+from .actor import Actor
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +110,13 @@ class TrainedPolicy:
         frames = filming.with_captions(frames, words)
         video.write_video(Path(path), frames, self.task.control_hz)
 
+    def actor(self) -> Actor:
+        """The best policy as pure functions that act in any loop; see `gril_jax.api.actor`."""
+        at, env = self.best, self.task
+        objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
+        params, reward = (_at(x, at) for x in (self.parameters, self.reward_parameters))
+        return Actor(self.algorithm, params, reward, objects, self.config.pool.tau)
+
     @property
     def best(self) -> int:
         """The policy with the highest success at the end of training."""
@@ -133,6 +142,17 @@ class TrainedPolicy:
             objects = [env.classes[i] for i in np.asarray(label)]
         description = policy_file.describe(self.config, env, arrays, objects)
         policy_file.write(Path(path), arrays, description)
+
+    @classmethod
+    def of_run(cls, folder: Path) -> "TrainedPolicy":
+        """See `gril_jax.load_policy`."""
+        config = run_dir.read_config(folder)
+        env = setup.make_env(config.env, training=False)
+        algorithm = policy_setup.make_algorithm(config, env)
+        policy = policy_setup.restore_policy(folder, config, algorithm)
+        reward = policy_setup.policy_reward(folder, config, env)
+        policy, reward = (jax.tree.map(lambda x: x[None], tree) for tree in (policy, reward))
+        return cls(config, env, algorithm, policy, reward, {})
 
     @classmethod
     def load(cls, path: Path) -> "TrainedPolicy":

@@ -102,6 +102,9 @@ def test_the_command_line_learns_the_same_reward_and_policy(home, rewards, task,
     for key in arrays[0].files:
         if key != "description":
             np.testing.assert_array_equal(arrays[0][key], arrays[1][key])
+    again = gril.load_policy(run)  # the folder of the run itself
+    jax.tree.map(np.testing.assert_array_equal, again.parameters, ours.parameters)
+    np.testing.assert_array_equal(again.evaluate(4).success, ours.evaluate(4).success)
     learned = gril.learn_reward(gril.load_demos(home / "set"), preset=small, task=name, **QUIET)
     jax.tree.map(np.testing.assert_array_equal, learned.params, reward.params)
     # The task has no stages: its audit is of the videos alone, in Python as on the command line.

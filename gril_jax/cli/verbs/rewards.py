@@ -112,13 +112,14 @@ def _require_one_network(folder: Path, config: RunConfig) -> None:
     if config.sub_policies > 1:
         raise RunError(
             f"the policy of {folder} is {config.sub_policies} sub-policies, chosen by the "
-            "learned reward's stages, but a policy file holds one network: train with "
-            "--reward learned"
+            "learned reward's stages, but a policy file holds one network: act with "
+            "gril_jax.load_policy(RUN).actor() in Python, or train with --reward learned"
         )
     if algorithm == "ppo" and ppo.by_object:
         raise RunError(
             f"the policy of {folder} reads its observation object by object, but a policy file "
-            "holds plain layers: train with --ppo.by-object False"
+            "holds plain layers: act with gril_jax.load_policy(RUN).actor() in Python, or train "
+            "with --ppo.by-object False"
         )
 
 

@@ -1,0 +1,81 @@
+"""A trained policy that acts in a loop of yours.
+
+    actor = policy.actor()
+    seen = actor.begin(center)                  # boxes' centres at the episode's start
+    while ...:
+        action = actor.act(seen, observation)   # to your simulator or robot
+        seen = actor.see(seen, center, size)    # the boxes after it
+
+All three are pure functions: `jax.jit`, `jax.vmap` and `jax.lax.scan` take them. Every policy has
+an actor, also one with a network for each stage, or one that reads objects one by one.
+
+Shapes use N for the task's objects, in its order, O for its observation and A for its action.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gril_jax.graphs import activity
+from gril_jax.rl.episodes import EpisodeState
+from gril_jax.rl.policy import Policy
+from gril_jax.rl.training import Algorithm
+from gril_jax.types import checked
+
+
+class Seen(NamedTuple):
+    """What a policy remembers of an episode."""
+
+    memory: activity.Memory  # which objects have moved
+    remembered: Any  # by the reward, such as the stages that are done
+
+
+class _State(NamedTuple):
+    """What policies and rewards read of a task's state."""
+
+    objects: Any
+    obs: Any = ()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Actor:
+    """One policy, and the reward whose memory it observes."""
+
+    algorithm: Algorithm
+    parameters: Policy
+    reward_parameters: Any
+    objects: Any
+    """Of a start of the task: its labels and robot flags count in every episode."""
+    tau: float
+    """Activity threshold, in box diagonals."""
+
+    @checked
+    def begin(self, center: Float[Array, "N 2"]) -> Seen:
+        """The memory at an episode's start, from the centres of all boxes in world units."""
+        episodes = self.algorithm.episodes
+        memory = activity.init(center, window=episodes.window, smoothing=episodes.smoothing)
+        return Seen(memory, episodes.reward.init())
+
+    @checked
+    def see(self, seen: Seen, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Seen:
+        """The memory after a control step, from the boxes then, in world units."""
+        episodes = self.algorithm.episodes
+        memory, active = activity.step(
+            seen.memory, center, size, tau=self.tau, noise=episodes.noise
+        )
+        remembered = seen.remembered
+        if jax.tree.leaves(remembered):  # else no reward needs to be computed
+            state = _State(self.objects._replace(center=center, size=size))
+            remembered, _ = episodes.reward.step(self.reward_parameters, remembered, state, active)
+        return Seen(memory, remembered)
+
+    @checked
+    def act(self, seen: Seen, observation: Float[Array, "O"]) -> Float[Array, "A"]:
+        """The deterministic action, in [-1, 1], for the task's own observation."""
+        state = _State(self.objects, observation)
+        episode = EpisodeState(state, *seen, jnp.zeros((), jnp.int32))
+        key = jax.random.key(0)  # which a deterministic action does not read
+        return self.algorithm.act(self.parameters, episode, key, deterministic=True)

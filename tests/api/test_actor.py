@@ -1,0 +1,92 @@
+"""A policy that acts in a loop of one's own does as it does in training's episodes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support import own_task
+
+import gril_jax as gril
+from gril_jax.errors import RunError
+
+PLAIN = {"run": {"reward": "learned"}, "ppo": {"sub_policies": 1}}
+STAGED = {"run": {"reward": "stages"}, "ppo": {"sub_policies": 2}}
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("home")
+    own_task.write(folder)
+    own_task.demonstrations(folder / "set")
+    return folder
+
+
+@pytest.fixture(scope="module", params=[PLAIN, STAGED], ids=["plain", "stages"])
+def policy(request, home):
+    demos = gril.load_demos(home / "set")
+    task = gril.make(f"{home / 'my_task.py'}:make")
+    options = {"preset": str(home / "small.yaml"), "progress": False}
+    reward = gril.learn_reward(demos, task=task, **options)
+    return gril.train_policy(task, reward, demos=demos, **options, **request.param)
+
+
+def _episode(policy, steps=7):
+    """Observations, boxes, inputs of the network and actions along an episode of training's."""
+    episodes, key = policy.algorithm.episodes, jax.random.key(1)
+    params, reward = (
+        jax.tree.map(lambda x: x[0], tree) for tree in (policy.parameters, policy.reward_parameters)
+    )
+
+    def move(episode, _):
+        action = policy.algorithm.act(params, episode, key, deterministic=True)
+        seen = episode.state.obs, *episode.state.objects[:2], episodes.observe(episode), action
+        moved, _ = episodes.advance(reward, episode, action, tau=policy.config.pool.tau)
+        return moved, seen
+
+    return jax.jit(lambda: jax.lax.scan(move, episodes.begin(key), length=steps)[1])()
+
+
+def _acted(actor, obs, center, size):
+    """Actions on the same observations and boxes."""
+
+    def move(seen, now):
+        obs, center, size = now
+        action = actor.act(seen, obs)
+        return actor.see(seen, center, size), action
+
+    after = (jnp.roll(x, -1, axis=0) for x in (center, size))  # boxes after each step
+    return jax.lax.scan(move, actor.begin(center[0]), (obs, *after))[1]
+
+
+def test_an_actor_does_as_the_policy_does_in_training(policy):
+    obs, center, size, _, action = _episode(policy)
+    ours = jax.jit(lambda *x: _acted(policy.actor(), *x))(obs, center, size)
+    np.testing.assert_allclose(ours, action, atol=1e-6)
+    assert np.ptp(np.asarray(action), axis=0).max() > 1e-3
+    many = jax.vmap(lambda *x: _acted(policy.actor(), *x))(*(x[None] for x in (obs, center, size)))
+    np.testing.assert_allclose(many[0], ours, atol=1e-6)
+
+
+def test_step_by_step_it_is_the_same_without_jit(policy):
+    obs, center, size, _, action = _episode(policy, steps=3)
+    actor = policy.actor()
+    seen = actor.begin(center[0])
+    for i in range(2):
+        np.testing.assert_allclose(actor.act(seen, obs[i]), action[i], atol=1e-6)
+        seen = actor.see(seen, center[i + 1], size[i + 1])
+
+
+def test_the_input_of_the_network_ends_with_the_share_of_stages_that_are_done(policy):
+    obs, center, size, seen, _ = _episode(policy)
+    actor, observe = policy.actor(), policy.algorithm.episodes.reward.observe
+    memory = actor.begin(center[0])
+    assert observe(memory.remembered).shape == (policy.config.run.reward == "stages",)
+    for i in range(len(obs) - 1):
+        ours = jnp.concatenate([obs[i], memory.memory.active, observe(memory.remembered)])
+        np.testing.assert_allclose(ours, seen[i], atol=1e-6)
+        memory = actor.see(memory, center[i + 1], size[i + 1])
+
+
+def test_a_folder_without_a_run_is_told_so(tmp_path):
+    with pytest.raises(RunError, match="config"):
+        gril.load_policy(tmp_path)
