@@ -1,7 +1,7 @@
 """Files for SARM and its reward-weighted cloning, as lerobot reads them.
 
-Tests with lerobot itself are skipped where it is not installed; `pip install --no-deps lerobot`
-with torch, pandas and huggingface_hub is enough for them.
+Tests with lerobot itself are skipped where it cannot be imported. For the weights, lerobot 0.4
+without its dependencies is enough, with torch, pandas and huggingface_hub.
 """
 
 import importlib
