@@ -3,6 +3,7 @@
     meta/subtasks.parquet    the names of the subtasks, as lerobot 0.4 reads them
     meta/info.json           with the feature subtask_index
     data/.../*.parquet       with the column subtask_index
+    meta/episodes            of version 3.0: with the annotations of `gril_jax.export.sarm`
 
 Videos are hard links to those of the dataset, where the file system can. The dataset stays as it
 was.
@@ -18,9 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from gril_jax.demos.formats.lerobot import Dataset, data_files, parquet, table_of, title_of
+from gril_jax.demos.formats.lerobot import (
+    Dataset,
+    data_files,
+    episode_files,
+    parquet,
+    table_of,
+    title_of,
+)
 from gril_jax.errors import DemoError
 from gril_jax.safe_files import write_whole, writing
+
+from . import sarm
 
 _UNKNOWN = "not segmented"  # an episode that was not among the videos
 
@@ -41,7 +51,8 @@ def annotate(
     known = set()
     for file in files:
         known |= {*table_of(file, "episode_index", "frame_index")["episode_index"].to_pylist()}
-    if not {title_of(number) for number in known} & {*ends}:
+    ends = {title: ends[title] for title in map(title_of, sorted(known)) if title in ends}
+    if not ends:
         raise DemoError(f"{dataset.folder}: none of its episodes is among the run's videos.")
     with writing(out):
         shutil.copytree(dataset.folder, out, copy_function=_linked)
@@ -59,6 +70,20 @@ def annotate(
         info = dict(dataset.info) | {"features": features}
         (out / "meta" / "info.json").unlink()
         write_whole(out / "meta" / "info.json", json.dumps(info, indent=4) + "\n")
+        if dataset.packed:
+            _annotate_episodes(dataset, out, ends, names)
+
+
+def _annotate_episodes(
+    dataset: Dataset, out: Path, ends: Mapping[str, Sequence[float]], names: Sequence[str]
+) -> None:
+    """Writes what SARM reads, which lerobot does not know before version 3.0."""
+    for file in episode_files(dataset):
+        rows = table_of(file, "episode_index", "length")
+        table = sarm.described(rows, dataset.fps, ends, names)
+        _replace(table, out / file.relative_to(dataset.folder))
+    shares = json.dumps(sarm.proportions(ends, names), indent=2)
+    write_whole(out / "meta" / "temporal_proportions_dense.json", shares + "\n")
 
 
 def _described(table: Any) -> Any:

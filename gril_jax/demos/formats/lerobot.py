@@ -85,7 +85,7 @@ def opened(folder: Path) -> Dataset:
 def episodes(dataset: Dataset) -> list[dict[str, Any]]:
     """A row an episode, in order."""
     if dataset.packed:
-        files = visible(dataset.folder / "meta" / "episodes", "chunk-*/file-*.parquet")
+        files = episode_files(dataset)
         rows = [row for file in files for row in table_of(file, "episode_index").to_pylist()]
     else:
         rows = _lines(dataset.folder / "meta" / "episodes.jsonl")
@@ -242,6 +242,11 @@ def frames(dataset: Dataset, column: str) -> dict[int, list[Any]]:
         for row in sorted(table.to_pylist(), key=lambda row: row["frame_index"]):
             found.setdefault(row["episode_index"], []).append(row[column])
     return found
+
+
+def episode_files(dataset: Dataset) -> list[Path]:
+    """The parquet files of the rows of episodes, of version 3.0."""
+    return visible(dataset.folder / "meta" / "episodes", "chunk-*/file-*.parquet")
 
 
 def data_files(dataset: Dataset) -> list[Path]:
