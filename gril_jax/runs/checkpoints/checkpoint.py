@@ -234,7 +234,8 @@ def _check_structure(path: Path, entries: list[dict[str, Any]], like: Any) -> No
         if found != wanted[name]:
             raise RunError(
                 f"leaf {name} of checkpoint {path} is {_words(*found)}, but the state to fill "
-                f"has {_words(*wanted[name])} there"
+                f"has {_words(*wanted[name])} there: it was saved with another configuration or "
+                "by another version of gril-jax, which can read it"
             )
 
 
