@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +20,7 @@ from gril_jax.runs.cluster import cluster_of
 
 from ..arguments import Work, echo, existing_folder, require_task_of
 from ..configured import new_run, read, start, without_help
+from ..devices import slots
 from ..heavy_imports import heavy_imports
 from . import Verb
 
@@ -274,35 +274,10 @@ def _made(
 
 def _told(plan: Any, said: Sequence[str]) -> int:
     with heavy_imports(plan.config, devices=True):
-        from gril_jax.workflows.study import driver
+        from gril_jax.workflows.study import dry_run
     for sentence in said:
         echo(sentence)
-    return driver.tell(plan, echo)
-
-
-def slots(devices: str | None) -> list[str | None]:
-    """The device of each process, as CUDA_VISIBLE_DEVICES has it: all GPUs, or the first N; a
-    single None without a GPU, or N of them. ConfigError for more than there are."""
-    given = os.environ.get("CUDA_VISIBLE_DEVICES")
-    known = [one for one in (given or "").split(",") if one] if given is not None else _gpus()
-    if os.environ.get("JAX_PLATFORMS", "").startswith("cpu"):
-        known = []
-    if devices in (None, "all"):
-        return known if len(known) > 1 else [None]
-    if not devices.isdecimal() or not int(devices):
-        raise ConfigError(f"--devices is {devices!r}, but must be all or a number of at least 1")
-    if known and int(devices) > len(known):
-        raise ConfigError(f"--devices is {devices}, but this machine has {len(known)} GPUs")
-    return known[: int(devices)] or [None] * int(devices)
-
-
-def _gpus() -> list[str]:
-    try:
-        found = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, timeout=60)
-    except (OSError, subprocess.TimeoutExpired):
-        return []
-    cards = [line for line in found.stdout.splitlines() if line.startswith("GPU ")]
-    return [str(number) for number, _ in enumerate(cards)]
+    return dry_run.main(plan, echo)
 
 
 VERBS = {

@@ -26,7 +26,6 @@ from gril_jax.runs import hosts, reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
-from gril_jax.workflows.build.policy_setup import policy_config
 
 from . import audit, measures, saved, separation, summary, variants
 from . import programs as study_programs
@@ -50,10 +49,10 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
     """
     rows = plan.runs
     require_possible(plan, rows, new=resume is None)
-    programs = _programs(plan, rows)
-    counts = _counts(rows, programs)
+    programs = programs_of(plan, rows)
+    counts = counts_of(rows, programs)
     with _opened(plan, resume, echo) as (run, progress, echo):
-        echo(f"writing to {run.path}: {_in_words(counts)}")
+        echo(f"writing to {run.path}: {in_words(counts)}")
         failed = _train(plan, rows, programs, run, progress, echo)
         progress.end_phase()  # or its last line would follow the tables
         if not hosts.is_first():
@@ -61,26 +60,8 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
         return finish(run, failed, counts, echo)
 
 
-def tell(plan: Plan, echo: Echo = print) -> int:
-    """Says what `make` would train, row by row, and writes nothing. Errors are those of `make`."""
-    rows = plan.runs
-    require_possible(plan, rows, new=True)
-    programs, in_all = _programs(plan, rows), 0
-    for name, seeds in plan.work.items():
-        config, said = plan.rows[name], []
-        if learns(config):
-            said.append(f"a reward, {config.pretrain.steps:,} gradient steps")
-        if plan.study.policies:
-            steps = policy_config(config).num_timesteps
-            in_all += steps * len(seeds)
-            said.append(f"a policy of {config.env.shown_name}, {steps:,} env steps")
-        echo(f"{name}: {'; '.join(said)}; {len(seeds)} seeds")
-    more = f", {in_all:,} env steps" if in_all else ""
-    echo(f"in all {_in_words(_counts(rows, programs))}{more}, on {setup.device_in_words()}")
-    return 0
-
-
-def _counts(rows: list[Row], programs: list[study_programs.Program]) -> dict[str, int]:
+def counts_of(rows: list[Row], programs: list[study_programs.Program]) -> dict[str, int]:
+    """How many rewards, policies and programs rows make."""
     return {
         "rewards": len({reward_key(row.config) for row in rows if learns(row.config)}),
         "policies": sum(len(program.rows) for program in programs),
@@ -88,7 +69,8 @@ def _counts(rows: list[Row], programs: list[study_programs.Program]) -> dict[str
     }
 
 
-def _in_words(counts: Mapping[str, int]) -> str:
+def in_words(counts: Mapping[str, int]) -> str:
+    """`2 rewards, 1 policy` and so on, without what there is none of."""
     named = {what[:-1] if count == 1 else what: count for what, count in counts.items() if count}
     return ", ".join(f"{count} {what}" for what, count in named.items())
 
@@ -127,7 +109,8 @@ def require_possible(plan: Plan, rows: list[Row], *, new: bool) -> None:
             audit.audited_tasks(env, audited.get("variants", (audit.OWN,)))
 
 
-def _programs(plan: Plan, rows: list[Row]) -> list[study_programs.Program]:
+def programs_of(plan: Plan, rows: list[Row]) -> list[study_programs.Program]:
+    """The programs that train the policies of rows."""
     if not plan.study.policies:
         return []
     num_classes = len(setup.make_env(plan.config.env, training=False).classes)

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from gril_jax.cli import main
+from gril_jax.cli.devices import slots
 from gril_jax.cli.verbs import sweep
 from gril_jax.config.files import load
 from gril_jax.errors import ConfigError
@@ -148,14 +149,14 @@ def test_unfit_demonstrations_and_missing_films_are_refused_before_work_starts(
 def test_the_devices_are_all_gpus_or_the_first(monkeypatch):
     monkeypatch.delenv("JAX_PLATFORMS", raising=False)
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,5,7")
-    assert sweep.slots(None) == sweep.slots("all") == ["4", "5", "7"]
-    assert sweep.slots("2") == ["4", "5"]
+    assert slots(None) == slots("all") == ["4", "5", "7"]
+    assert slots("2") == ["4", "5"]
     with pytest.raises(ConfigError, match="this machine has 3 GPUs"):
-        sweep.slots("4")
+        slots("4")
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4")
-    assert sweep.slots(None) == [None]  # one process, as it is
+    assert slots(None) == [None]  # one process, as it is
     monkeypatch.setenv("JAX_PLATFORMS", "cpu")
-    assert sweep.slots(None) == [None]
-    assert sweep.slots("2") == [None, None]
+    assert slots(None) == [None]
+    assert slots("2") == [None, None]
     with pytest.raises(ConfigError, match="must be all or a number"):
-        sweep.slots("two")
+        slots("two")

@@ -1,0 +1,29 @@
+"""Tells what a study would train, without training: `gril sweep STUDY --dry-run`."""
+
+from collections.abc import Callable
+
+from gril_jax.workflows.build import setup
+from gril_jax.workflows.build.policy_setup import policy_config
+
+from . import driver
+from .saved import Plan, learns
+
+
+def main(plan: Plan, echo: Callable[[str], None] = print) -> int:
+    """Says it row by row, and writes nothing. Errors are those of `driver.make`."""
+    rows = plan.runs
+    driver.require_possible(plan, rows, new=True)
+    programs, in_all = driver.programs_of(plan, rows), 0
+    for name, seeds in plan.work.items():
+        config, said = plan.rows[name], []
+        if learns(config):
+            said.append(f"a reward, {config.pretrain.steps:,} gradient steps")
+        if plan.study.policies:
+            steps = policy_config(config).num_timesteps
+            in_all += steps * len(seeds)
+            said.append(f"a policy of {config.env.shown_name}, {steps:,} env steps")
+        echo(f"{name}: {'; '.join(said)}; {len(seeds)} seeds")
+    more = f", {in_all:,} env steps" if in_all else ""
+    counted = driver.in_words(driver.counts_of(rows, programs))
+    echo(f"in all {counted}{more}, on {setup.device_in_words()}")
+    return 0
