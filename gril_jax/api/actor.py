@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from gril_jax.errors import ShapeError
 from gril_jax.graphs import activity
 from gril_jax.rl.episodes import EpisodeState
 from gril_jax.rl.policy import Policy
@@ -49,12 +50,19 @@ class Actor:
     reward_parameters: Any
     objects: Any
     """Of a start of the task: its labels and robot flags count in every episode."""
+    observation_size: int
+    """O, of the task's own observation."""
     tau: float
     """Activity threshold, in box diagonals."""
 
     @checked
     def begin(self, center: Float[Array, "N 2"]) -> Seen:
-        """The memory at an episode's start, from the centres of all boxes in world units."""
+        """The memory at an episode's start, from the centres of all boxes in world units.
+
+        Raises:
+          ShapeError: there are more or fewer boxes than the task has objects.
+        """
+        _require("center", center.shape, self.objects.center.shape)
         episodes = self.algorithm.episodes
         memory = activity.init(center, window=episodes.window, smoothing=episodes.smoothing)
         return Seen(memory, episodes.reward.init())
@@ -74,8 +82,18 @@ class Actor:
 
     @checked
     def act(self, seen: Seen, observation: Float[Array, "O"]) -> Float[Array, "A"]:
-        """The deterministic action, in [-1, 1], for the task's own observation."""
+        """The deterministic action, in [-1, 1], for the task's own observation.
+
+        Raises:
+          ShapeError: the observation is of another size than the task's.
+        """
+        _require("observation", observation.shape, (self.observation_size,))
         state = _State(self.objects, observation)
         episode = EpisodeState(state, *seen, jnp.zeros((), jnp.int32))
         key = jax.random.key(0)  # which a deterministic action does not read
         return self.algorithm.act(self.parameters, episode, key, deterministic=True)
+
+
+def _require(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    if found != wanted:
+        raise ShapeError(f"{name} has shape {found}, but the policy's task has {wanted}.")

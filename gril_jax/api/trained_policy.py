@@ -113,9 +113,10 @@ class TrainedPolicy:
     def actor(self) -> Actor:
         """The best policy as pure functions that act in any loop; see `gril_jax.api.actor`."""
         at, env = self.best, self.task
-        objects = jax.jit(lambda key: env.reset(key).objects)(jax.random.key(0))
+        start = jax.jit(env.reset)(jax.random.key(0))
         params, reward = (_at(x, at) for x in (self.parameters, self.reward_parameters))
-        return Actor(self.algorithm, params, reward, objects, self.config.pool.tau)
+        tau, size = self.config.pool.tau, len(start.obs)
+        return Actor(self.algorithm, params, reward, start.objects, size, tau)
 
     @property
     def best(self) -> int:

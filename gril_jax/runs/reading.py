@@ -154,7 +154,7 @@ def read_config(path: Path, *, demos: Path | None = None) -> RunConfig:
     try:
         config, text = load(str(file)), file.read_text(encoding="utf-8")
     except ConfigError as error:
-        raise RunError(str(error)) from None
+        raise RunError(f"{error}{_of_other_version(path)}") from None
     if not text.strip():
         raise RunError(f"{file} is empty, but must hold the configuration of the run")
     phases = read_phases(path)
@@ -167,6 +167,16 @@ def read_config(path: Path, *, demos: Path | None = None) -> RunConfig:
             raise RunError(f"{path} holds its own demonstrations, so it has no use for --demos")
         return places.at(config, demos)
     return places.with_demos(config, path, phases.finished.get("demos", {}).get("sha256"))
+
+
+def _of_other_version(path: Path) -> str:
+    """Tells the version that made a run, if it is another than this one; empty otherwise."""
+    try:
+        made = read_object(path / "versions.json")["packages"]["gril-jax"]
+    except (RunError, OSError, LookupError, TypeError):
+        return ""
+    ours = package_versions()["gril-jax"]
+    return "" if made == ours else f": gril-jax {made} made the run, and this is {ours}"
 
 
 def changed_fields(began: str | RunConfig, now: RunConfig) -> list[str]:

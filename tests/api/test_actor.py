@@ -7,7 +7,7 @@ import pytest
 from support import own_task
 
 import gril_jax as gril
-from gril_jax.errors import RunError
+from gril_jax.errors import RunError, ShapeError
 
 PLAIN = {"run": {"reward": "learned"}, "ppo": {"sub_policies": 1}}
 STAGED = {"run": {"reward": "stages"}, "ppo": {"sub_policies": 2}}
@@ -85,6 +85,14 @@ def test_the_input_of_the_network_ends_with_the_share_of_stages_that_are_done(po
         ours = jnp.concatenate([obs[i], memory.memory.active, observe(memory.remembered)])
         np.testing.assert_allclose(ours, seen[i], atol=1e-6)
         memory = actor.see(memory, center[i + 1], size[i + 1])
+
+
+def test_boxes_and_observations_of_another_scene_are_told_so(policy):
+    actor = policy.actor()
+    with pytest.raises(ShapeError, match=r"center has shape \(2, 2\), but .* has \(3, 2\)"):
+        actor.begin(jnp.zeros((2, 2)))
+    with pytest.raises(ShapeError, match=r"observation has shape \(5,\), but .* has \(2,\)"):
+        actor.act(actor.begin(jnp.zeros((3, 2))), jnp.zeros(5))
 
 
 def test_a_folder_without_a_run_is_told_so(tmp_path):

@@ -82,6 +82,14 @@ def test_labels_of_another_scene_are_given_by_sample():
         ({"size": SIZE[:3]}, ShapeError, r"size has shape \(3, 5, 2\) but center has shape \(6, 5"),
         ({"present": np.ones(6, bool)}, ShapeError, r"present has shape \(6,\) but center"),
         ({"label": np.full((6, 5), 4)}, ConfigError, "label holds a number outside 0 to 3"),
+        (
+            {"center": CENTER[:, :4], "size": SIZE[:, :4], "active": np.ones((6, 4), bool)},
+            ShapeError,
+            "center has 4 objects, but the reward is for 5: ",
+        ),
+        ({"center": CENTER[..., :1], "size": SIZE[..., :1]}, ShapeError, r"\(6, 5, 1\); it must"),
+        ({"label": [["star"] * 5] * 6}, ConfigError, "label must be an array of numbers"),
+        ({"size": [[1.0], [1.0, 2.0]]}, ConfigError, "size must be an array of numbers"),
         ({"center": CENTER * 300}, ConfigError, "convert pixels with gril_jax.boxes_from_pixels"),
     ],
 )
@@ -89,3 +97,8 @@ def test_a_wrong_batch_is_a_sentence(change, error, words):
     batch = {k: v for k, v in (frames() | change).items() if v is not None}
     with pytest.raises(error, match=words):
         MODEL.compute_reward(batch)
+
+
+def test_a_batch_that_is_no_mapping_is_a_sentence():
+    with pytest.raises(ConfigError, match="batch is a list, but must be a mapping of arrays"):
+        MODEL.compute_reward([CENTER, SIZE])

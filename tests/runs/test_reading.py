@@ -1,5 +1,6 @@
 """What a command reads of a run is what the run wrote, and of a run of one policy."""
 
+import json
 import shutil
 
 import pytest
@@ -64,6 +65,20 @@ def test_another_configuration_is_refused(run, old, new, fault):
     file.write_text(file.read_text().replace(old, new, 1) if old else new)
     with pytest.raises(RunError, match=rf"config\.yaml {fault}"):
         run_dir.read_config(run)
+
+
+def test_a_run_of_another_version_is_told_so(run):
+    """Its fields may be others."""
+    file = run / "config.yaml"
+    file.write_text("old: 1\n" + file.read_text())
+    for name, said in (("0.0.9", ": gril-jax 0.0.9 made the run, and this is "), (None, "")):
+        made = json.loads((run / "versions.json").read_text())
+        made["packages"] = {"gril-jax": name} if name else {}
+        (run / "versions.json").write_text(json.dumps(made))
+        with pytest.raises(RunError, match=r"there is no section .old.") as error:
+            run_dir.read_config(run)
+        assert ("made the run" in str(error.value)) == bool(name)
+        assert said in str(error.value)
 
 
 def test_of_damaged_metrics_the_lines_are_named(run):

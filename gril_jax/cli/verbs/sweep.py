@@ -237,6 +237,10 @@ def _made(
     job = cluster_of(os.environ) if given.distributed else None
     if job is not None and (given.devices or given.cluster):
         raise ConfigError("--distributed has devices of its own: leave out --devices and --cluster")
+    if given.dry_run and (given.devices or given.cluster or given.distributed):
+        raise ConfigError(
+            "--dry-run is told by one process: leave out --devices, --cluster and --distributed"
+        )
     if given.dry_run:
         return lambda: _told(plan, said)
 

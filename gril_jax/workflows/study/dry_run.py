@@ -13,7 +13,7 @@ def main(plan: Plan, echo: Callable[[str], None] = print) -> int:
     """Says it row by row, and writes nothing. Errors are those of `driver.make`."""
     rows = plan.runs
     driver.require_possible(plan, rows, new=True)
-    programs, in_all = driver.programs_of(plan, rows), 0
+    in_all = 0
     for name, seeds in plan.work.items():
         config, said = plan.rows[name], []
         if learns(config):
@@ -22,8 +22,10 @@ def main(plan: Plan, echo: Callable[[str], None] = print) -> int:
             steps = policy_config(config).num_timesteps
             in_all += steps * len(seeds)
             said.append(f"a policy of {config.env.shown_name}, {steps:,} env steps")
-        echo(f"{name}: {'; '.join(said)}; {len(seeds)} seeds")
+        echo(f"{name}: {'; '.join(said) or 'nothing without its policy'}; {len(seeds)} seeds")
     more = f", {in_all:,} env steps" if in_all else ""
-    counted = driver.in_words(driver.counts_of(rows, programs))
-    echo(f"in all {counted}{more}, on {setup.device_in_words()}")
+    counts = driver.counts_of(rows, driver.programs_of(plan, rows))
+    shared = counts["rewards"] < sum(learns(row.config) for row in rows)
+    more += ", and rows that learn the same reward share it" * shared
+    echo(f"in all {driver.in_words(counts)}{more}, on {setup.device_in_words()}")
     return 0

@@ -65,6 +65,7 @@ def test_a_dry_run_tells_each_row_and_writes_nothing(tmp_path, monkeypatch, caps
     assert said[:2] == [f"ours: {each}", f"TCC alone: {each}"]
     assert said[2].startswith("in all 4 rewards, 4 policies, 1 program, 163,840 env steps, on ")
     assert not [*tmp_path.iterdir()]
+    assert "leave out --devices" in _fault(capsys, "rewards", "--dry-run", "--devices", 2)
 
 
 def test_the_smaller_version_has_a_base_rows_and_seeds_of_its_own(planned):
