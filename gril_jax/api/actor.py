@@ -28,14 +28,14 @@ from gril_jax.types import checked
 
 
 class Seen(NamedTuple):
-    """What a policy remembers of an episode."""
+    """The memory that a policy has of an episode."""
 
     memory: activity.Memory  # which objects have moved
     remembered: Any  # by the reward, such as the stages that are done
 
 
 class _State(NamedTuple):
-    """What policies and rewards read of a task's state."""
+    """The part of a task's state that policies and rewards read."""
 
     objects: Any
     obs: Any = ()

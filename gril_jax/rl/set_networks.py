@@ -125,7 +125,7 @@ class _Objects(linen.Module):
         return robot, [rows for rows in kinds if rows.shape[-2]]
 
     def _asked(self, seen: Float[Array, "*B N H"], there: Bool[Array, "*B N"]) -> Array:
-        """What the rows that are there answer to the learned queries, (B, 1, H)."""
+        """The answer of the rows that are there to the learned queries, (B, 1, H)."""
         width = seen.shape[-1]
         both = self._dense(2 * width, seen)
         score, value = both[..., :width].astype(jnp.float32), both[..., width:]

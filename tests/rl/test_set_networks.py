@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from brax.training.agents.ppo import networks
 
+from gril_jax.config.files import load
 from gril_jax.rl.policy import fresh_weights
 from gril_jax.rl.set_networks import by_object
+from gril_jax.workflows.build import policy_setup, setup
 
 ROWS, BEFORE = ((2, 3), (4, 5)), 4
 OWN = BEFORE + 2 * 3 + 4 * 5
@@ -106,3 +108,12 @@ def test_half_products_come_near_whole_ones():
     assert said[1].dtype == np.float32
     np.testing.assert_allclose(said[1], said[0], atol=0.03)
     assert np.abs(said[1] - said[0]).max() > 0
+
+
+@pytest.mark.parametrize(
+    ("precision", "half"), [("auto", False), ("float32", False), ("bfloat16", True)]
+)
+def test_products_are_whole_on_a_cpu_unless_they_are_asked_for(precision, half):
+    config = load("magical_suite", ["--task", "move_to_region", "--ppo.precision", precision])
+    env = setup.make_env(config.env, training=True)
+    assert policy_setup.make_algorithm(config, env).static.half == half

@@ -61,7 +61,7 @@ def make(plan: Plan, *, resume: Path | None = None, echo: Echo = print) -> int:
 
 
 def counts_of(rows: list[Row], programs: list[study_programs.Program]) -> dict[str, int]:
-    """How many rewards, policies and programs rows make."""
+    """The numbers of rewards, policies and programs that rows make."""
     return {
         "rewards": len({reward_key(row.config) for row in rows if learns(row.config)}),
         "policies": sum(len(program.rows) for program in programs),

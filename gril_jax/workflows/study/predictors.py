@@ -1,4 +1,4 @@
-"""Which measures of a learned reward go with the success of the policies that it trains.
+"""Correlations of the measures of learned rewards with the success of the policies they train.
 
     found = correlations(lines, success="success_jitter")
 
