@@ -194,7 +194,12 @@ class TrainedPolicy:
 
 def require_plain(config: RunConfig) -> None:
     """Raises ConfigError if a policy is more than one plain network, which no policy file holds."""
-    ppo = config.ppo
+    ppo, section = config.ppo, getattr(config, config.run.algorithm)
+    if section.observe_gradient:
+        raise ConfigError(
+            f"the policy sees the gradient of its reward ({config.run.algorithm}.observe_gradient "
+            "is true), but a policy file holds no reward"
+        )
     if config.run.algorithm != "ppo":
         return
     found = {

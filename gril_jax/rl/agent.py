@@ -29,6 +29,7 @@ class Sizes:
     unroll_length: int
     hidden: tuple[int, ...]
     observe_activity: bool = True
+    observe_gradient: bool = False  # with a reward of `reward_gradient.observed`
     window: int = PoolConfig.window  # of the activity memory, frames
     smoothing: int = PoolConfig.smoothing  # of centres, frames, before that
     noise: float | None = PoolConfig.noise  # of centres, world units

@@ -20,6 +20,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from brax.training.agents.ppo.networks import PPONetworks
 from brax.training.networks import FeedForwardNetwork
 from flax import linen
@@ -38,6 +39,7 @@ def by_object(
     hidden: Sequence[int],
     *,
     bits: bool,
+    gradient: bool = False,
     half: bool = False,
 ) -> PPONetworks:
     """The networks of PPO, made to read objects one by one.
@@ -46,14 +48,17 @@ def by_object(
       networks: those that they replace, whose distribution of actions they keep.
       rows: the objects of the task's observation.
       size: O, the length of the policy's input: the task's own numbers, then with `bits` an
-        activity bit of the robot and each row, then the reward's memory.
+        activity bit of the robot and each row, then with `gradient` two numbers of each, then the
+        reward's memory.
       before: numbers of the robot, which come first.
       hidden: widths of the layers that follow; a quarter of the first is H.
       bits: whether there are activity bits.
+      gradient: whether there are gradients of the reward (`gril_jax.rl.reward_gradient`).
       half: whether products are bfloat16, which a GPU multiplies faster.
     """
     outputs = networks.parametric_action_distribution.param_size
-    listing = dict(rows=rows, before=before, bits=bits, half=half, hidden=tuple(hidden))
+    more = (1,) * bits + (2,) * gradient
+    listing = dict(rows=rows, before=before, more=more, half=half, hidden=tuple(hidden))
     policy = _network(_Objects(outputs=outputs, **listing), size)
     value = _network(_Objects(outputs=1, **listing), size)
 
@@ -83,7 +88,7 @@ class _Objects(linen.Module):
 
     rows: Rows
     before: int
-    bits: bool
+    more: tuple[int, ...]  # numbers that the robot and each row have at the end, in parts
     half: bool
     hidden: tuple[int, ...]
     outputs: int
@@ -94,7 +99,8 @@ class _Objects(linen.Module):
         width = max(1, self.hidden[0] // 4)
         each, there = [], []
         for rows in kinds:
-            there.append((rows[..., :-1] != 0).any(axis=-1))  # but for the bit
+            own = rows.shape[-1] - sum(self.more)
+            there.append((rows[..., :own] != 0).any(axis=-1))
             each.append(self._dense(width, rows) + self._dense(width, robot)[..., None, :])
         seen = linen.swish(jnp.concatenate(each, axis=-2))
         there = jnp.concatenate(there, axis=-1)
@@ -105,23 +111,22 @@ class _Objects(linen.Module):
         return self._dense(self.outputs, out.astype(jnp.float32), last=True)
 
     def _listed(self, observation: Array) -> tuple[Array, list[Array]]:
-        """Numbers of the robot and of the memory (B, R), and the rows of each kind (B, n, F) with
-        their activity bits, or zeros, at last."""
+        """Numbers of the robot and of the memory (B, R), and the rows of each kind (B, n, F), whose
+        last numbers are those of `more`."""
         at, kinds = self.before, []
         for count, numbers in self.rows:
             rows = observation[..., at : at + count * numbers]
             kinds.append(rows.reshape(*rows.shape[:-1], count, numbers))
             at += count * numbers
         total = sum(count for count, _ in self.rows)
-        bits = observation[..., at + 1 : at + 1 + total]
-        rest = observation[..., at + 1 + total :]
-        if not self.bits:
-            bits, rest = jnp.zeros((*observation.shape[:-1], total)), observation[..., at:]
-        done = 0
-        for i, (count, _) in enumerate(self.rows):
-            bit = bits[..., done : done + count, None]
-            kinds[i], done = jnp.concatenate([kinds[i], bit], axis=-1), done + count
-        robot = jnp.concatenate([observation[..., : self.before], rest], axis=-1)
+        for numbers in self.more:
+            end = at + (1 + total) * numbers
+            each = observation[..., at:end].reshape(*observation.shape[:-1], 1 + total, numbers)
+            ends = np.cumsum([1, *(count for count, _ in self.rows)])
+            each = jnp.split(each, ends, axis=-2)[1:-1]  # the robot's count for nothing
+            kinds = [jnp.concatenate(pair, axis=-1) for pair in zip(kinds, each, strict=True)]
+            at = end
+        robot = jnp.concatenate([observation[..., : self.before], observation[..., at:]], axis=-1)
         return robot, [rows for rows in kinds if rows.shape[-2]]
 
     def _asked(self, seen: Float[Array, "*B N H"], there: Bool[Array, "*B N"]) -> Array:

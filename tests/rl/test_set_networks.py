@@ -16,12 +16,9 @@ BLOCKS, BITS = BEFORE + 2 * 3, OWN + 1  # where blocks begin, and the bits of re
 SIZE = OWN + 1 + 6 + 2  # the bits of the robot and six objects, and two numbers of a memory
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["bits", "no bits"])
-def made(request):
-    """Policy and value of observations, and whether these hold activity bits."""
-    size = SIZE if request.param else OWN + 2
+def _made(size, **parts):
     plain = networks.make_ppo_networks(size, 3)
-    found = by_object(plain, ROWS, size, BEFORE, (32, 32), bits=request.param)
+    found = by_object(plain, ROWS, size, BEFORE, (32, 32), **parts)
     both = found.policy_network, found.value_network
     weights = fresh_weights(jax.random.key(0), *both)
 
@@ -29,7 +26,14 @@ def made(request):
     def say(observation):
         return [net.apply(None, w, observation) for net, w in zip(both, weights, strict=True)]
 
-    return say, size, request.param
+    return say
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["bits", "no bits"])
+def made(request):
+    """Policy and value of observations, and whether these hold activity bits."""
+    size = SIZE if request.param else OWN + 2
+    return _made(size, bits=request.param), size, request.param
 
 
 def _observations(size):
@@ -69,6 +73,27 @@ def test_a_bit_counts_for_its_own_block(made):
     other = seen.copy()
     seen[:, BITS + 2], other[:, BITS + 3] = 1, 1
     assert np.abs(np.asarray(say(seen)[0]) - np.asarray(say(other)[0])).max() > 1e-4
+
+
+@pytest.mark.parametrize("bits", [True, False], ids=["bits", "no bits"])
+def test_a_gradient_counts_for_its_own_object_and_the_robots_for_none(bits):
+    at = OWN + 7 * bits + 2  # where those of regions and blocks begin, after the robot's
+    size = at + 2 * 6 + 2
+    say = _made(size, bits=bits, gradient=True)
+    seen = _observations(size)
+    robot, other, changed = seen.copy(), seen.copy(), seen.copy()
+    robot[:, at - 2 : at] += 3.0
+    _close(say(robot), say(seen))
+    one, two = slice(BLOCKS, BLOCKS + 5), slice(BLOCKS + 15, BLOCKS + 20)
+    other[:, one], other[:, two] = seen[:, two], seen[:, one]
+    if bits:
+        other[:, BITS + 2], other[:, BITS + 5] = seen[:, BITS + 5], seen[:, BITS + 2]
+    assert np.abs(np.asarray(say(other)[0]) - np.asarray(say(seen)[0])).max() > 1e-3
+    first, last = slice(at + 4, at + 6), slice(at + 10, at + 12)
+    other[:, first], other[:, last] = seen[:, last], seen[:, first]
+    _close(say(other), say(seen))
+    changed[:, -2:] += 1.0  # the memory's numbers still count
+    assert np.abs(np.asarray(say(changed)[0]) - np.asarray(say(seen)[0])).max() > 1e-3
 
 
 def test_a_row_of_zeros_is_not_there(made):

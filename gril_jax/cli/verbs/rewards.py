@@ -121,6 +121,12 @@ def _require_one_network(folder: Path, config: RunConfig) -> None:
             "holds plain layers: act with gril_jax.load_policy(RUN).actor() in Python, or train "
             "with --ppo.by-object False"
         )
+    if getattr(config, algorithm).observe_gradient:
+        raise RunError(
+            f"the policy of {folder} sees the gradient of its reward, but a policy file holds no "
+            "reward: act with gril_jax.load_policy(RUN).actor() in Python, or train with "
+            f"--{algorithm}.observe-gradient False"
+        )
 
 
 VERBS = {

@@ -40,9 +40,11 @@ def given(config: RunConfig) -> Given:
     if varied:
         starts = f"{starts}, {100 * varied:.0f} % of them varied ({task.varied})"
     hints = [task.hints[kind] for kind in ("", chosen.observation) if kind in task.hints]
-    seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
     assistance, resets = _resets(config)
     assistance = "expert-state resets" if varied or hints else assistance
+    if getattr(config, config.run.algorithm).observe_gradient:
+        hints.append("the gradient of the learned reward")
+    seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
     return Given(assistance, f"{starts}{resets}", seen, _reward(config, task))
 
 

@@ -20,7 +20,7 @@ from gril_jax.graphs import activity
 from gril_jax.pretraining import pretrain
 from gril_jax.reward import staircase
 from gril_jax.reward.latent_goal import RewardParams
-from gril_jax.rl import rewards, starts
+from gril_jax.rl import reward_gradient, rewards, starts
 from gril_jax.subtasks import agreement
 from gril_jax.types import DemoBatch
 
@@ -40,12 +40,38 @@ class RewardForm(NamedTuple):
     parameters: Callable[[RunConfig, RewardParams, DemoBatch | None, int], Any]
     """Its parameters, from a learned reward, the demonstrations that it was learned from (None for
     shapes alone), and the number of classes."""
+    learned_of: Callable[[Any], RewardParams] | None = None
+    """Those of the learned reward among its parameters; None if it has none."""
 
 
 def function(config: RunConfig, env: envs.Env) -> rewards.AnyReward:
     """The reward as the algorithms take it."""
     found = _form(config).function(config, env)
+    if getattr(config, config.run.algorithm).observe_gradient:
+        found = _with_gradient(config, env, found)
     return starts.with_frames(found) if begins_at_frames(config) else found
+
+
+def _with_gradient(
+    config: RunConfig, env: envs.Env, reward: rewards.AnyReward
+) -> rewards.AnyReward:
+    """The same reward, whose gradient the policy sees."""
+    learned_of, wanted = _form(config).learned_of, f"{config.run.algorithm}.observe_gradient"
+    if learned_of is None:
+        raise ConfigError(
+            f"{wanted} is true, but must be false for run.reward {config.run.reward!r}, since only "
+            "a learned reward has a gradient"
+        )
+    if isinstance(setup.encoder_config(config, len(env.classes)), PixelConfig):
+        raise ConfigError(
+            f"{wanted} is true, but must be false for encoder.kind 'pixels', whose reward sees "
+            "pictures and not the objects' boxes"
+        )
+    own = _learned(config, env)
+    shown = jax.eval_shape(env.reset, jax.random.key(0)).objects
+    return reward_gradient.observed(
+        reward, lambda params, *seen: own(learned_of(params), *seen), len(shown.center)
+    )
 
 
 def parameters(
@@ -209,9 +235,12 @@ ENVIRONMENTAL = RewardForm(lambda *_: rewards.environmental, lambda *_: ())
 LEARNED = RewardForm(
     lambda config, env: rewards.offset(_learned(config, env), config.run.reward_offset),
     lambda config, learned, demos, num_classes: learned,
+    lambda params: params,
 )
-SHAPED = RewardForm(lambda config, env: rewards.shaped(_learned(config, env)), _of_shaped)
-STAGES = RewardForm(_stages, _of_stages)
+SHAPED = RewardForm(
+    lambda config, env: rewards.shaped(_learned(config, env)), _of_shaped, lambda params: params[2]
+)
+STAGES = RewardForm(_stages, _of_stages, lambda params: params[0])
 
 
 def stages_of(reward_params: Any) -> staircase.Staircase | None:
