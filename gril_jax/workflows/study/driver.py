@@ -71,8 +71,8 @@ def counts_of(rows: list[Row], programs: list[study_programs.Program]) -> dict[s
 
 def in_words(counts: Mapping[str, int]) -> str:
     """`2 rewards, 1 policy` and so on, without what there is none of."""
-    named = {what[:-1] if count == 1 else what: count for what, count in counts.items() if count}
-    return ", ".join(f"{count} {what}" for what, count in named.items())
+    one = {what: what.removesuffix("s") for what in counts} | {"policies": "policy"}
+    return ", ".join(f"{n} {one[what] if n == 1 else what}" for what, n in counts.items() if n)
 
 
 def finish(run: run_dir.RunDir, failed: dict[int, str], counts: dict[str, int], echo: Echo) -> int:
