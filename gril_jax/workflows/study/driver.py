@@ -173,7 +173,7 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
         if program.name in played:
             count = len(program.rows)
             phase = progress.phase("playing all variants", total=count, unit="policies")
-            variants.finish(played[program.name].result(), program, plan, run)
+            variants.finish(played[program.name].result(), program, plan, run, learned)
             phase.update(count)
         run.finish_phase(program.name, done, saved_files)
         _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)

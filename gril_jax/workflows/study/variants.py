@@ -7,7 +7,7 @@ Shapes use K for policies, E for episodes and T for control steps.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
@@ -24,12 +24,14 @@ from gril_jax.rl import evaluate, training
 from gril_jax.rl.policy import Policy
 from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.run_dir import RunDir
-from gril_jax.workflows.build import filming, policy_setup, setup
+from gril_jax.workflows.build import filming, policy_rewards, policy_setup, setup
+from gril_jax.workflows.learning.encoders import stack
 
 from . import saved
 from .programs import Program
 from .recipe import Study, changed
-from .saved import Plan
+from .rewards import TrainedReward, reward_key
+from .saved import Plan, Row, learns
 
 DEMO = "demo"
 _STARTS = 64  # of each variant
@@ -50,7 +52,7 @@ class Ground(NamedTuple):
     env: Env
     begun: Any  # episodes of all of them, leaves (E, ...)
     each: int
-    play: Any  # (policies, begun, key, deterministic) -> Played
+    play: Any  # (policies, their rewards, begun, key, deterministic) -> Played
 
 
 def known(task: str) -> tuple[str, ...]:
@@ -63,9 +65,7 @@ def ground(
 ) -> Ground:
     """Compiles the evaluation of a row's policies, from so many starts of each variant; `wrap`
     makes of a task what the policies were trained in."""
-    own = {"run.reward": "environmental"}
-    resets = dict.fromkeys(("ppo.video_state_resets", "ppo.visited_state_resets"), 0.0)
-    plain = changed(config, own | resets)
+    plain = _played_as(config)
     names = known(config.env.name)
     envs = {name: wrap(setup.make_env(config.env, training=False, variant=name)) for name in names}
     # Shapes, counts and forces are then data of each episode, and one program plays all of them.
@@ -80,23 +80,35 @@ def ground(
     ]  # fmt: skip
     begun = jax.tree.map(lambda *x: jnp.concatenate(x), *begun)
     fresh = policy_setup.fresh_policy(plain, algorithm, jax.random.key(0))
-    like = jax.tree.map(lambda x: jnp.broadcast_to(x, (policies, *x.shape)), fresh)
+    both = fresh, policy_rewards.blank(plain, general)
+    like = jax.tree.map(lambda x: jnp.broadcast_to(x, (policies, *x.shape)), both)
     tau = config.pool.tau
 
-    def play(policies, begun, key, deterministic):
-        one = lambda policy: _played(algorithm, policy, begun, key, deterministic, tau)  # noqa: E731
-        return jax.lax.map(one, policies)
+    def play(policies, rewards, begun, key, deterministic):
+        one = lambda pair: _played(algorithm, *pair, begun, key, deterministic, tau)  # noqa: E731
+        return jax.lax.map(one, (policies, rewards))
 
     with ahead.tracing():
-        lowered = jax.jit(play).lower(like, begun, jax.random.key(0), jnp.asarray(True))
+        lowered = jax.jit(play).lower(*like, begun, jax.random.key(0), jnp.asarray(True))
     return Ground(names, envs[DEMO], begun, starts, lowered.compile())
 
 
-def figures(on: Ground, policies: Any) -> tuple[dict[str, list[float]], Played]:
-    """The numbers of each policy by name, such as `score_jitter`, and its episodes."""
+def _played_as(config: RunConfig) -> RunConfig:
+    """The configuration without resets, and without a reward that its policy does not observe."""
+    section = config.run.algorithm
+    plain: dict[str, Any] = {f"{section}.{kind}_state_resets": 0.0 for kind in ("video", "visited")}
+    if not policy_setup.policy_config(config).observe_gradient:
+        plain["run.reward"] = "environmental"
+    return changed(config, plain)
+
+
+def figures(on: Ground, policies: Any, rewards: Any = ()) -> tuple[dict[str, list[float]], Played]:
+    """The numbers of each policy by name, such as `score_jitter`, and its episodes.
+
+    `rewards`, leaves (K, ...), are what they observe the gradient of."""
     key = jax.random.key(0)
-    means = on.play(policies, on.begun, key, jnp.asarray(True))
-    sampled = on.play(policies, on.begun, key, jnp.asarray(False))
+    means = on.play(policies, rewards, on.begun, key, jnp.asarray(True))
+    sampled = on.play(policies, rewards, on.begun, key, jnp.asarray(False))
     found: dict[str, list[float]] = {}
     for i, name in enumerate(on.names):
         part = slice(i * on.each, (i + 1) * on.each)
@@ -109,7 +121,7 @@ def figures(on: Ground, policies: Any) -> tuple[dict[str, list[float]], Played]:
 
 
 def _played(
-    algorithm: training.Algorithm, policy: Policy, begun, key, deterministic, tau
+    algorithm: training.Algorithm, policy: Policy, reward, begun, key, deterministic, tau
 ) -> Played:
     of, count = algorithm.episodes, len(begun.time)
 
@@ -117,7 +129,7 @@ def _played(
         mean = algorithm.act(policy, episode, key, deterministic=True)
         drawn = algorithm.act(policy, episode, key, deterministic=False)
         action = jnp.where(deterministic, mean, drawn)
-        return of.advance((), episode, action, tau=tau)[0]
+        return of.advance(reward, episode, action, tau=tau)[0]
 
     def move(running, key):
         running = jax.vmap(one)(running, jax.random.split(key, count))
@@ -149,13 +161,19 @@ def get_ready(left: Sequence[Program], study: Study, pool: Executor) -> dict[str
     }
 
 
-def finish(on: Ground, program: Program, plan: Plan, run: RunDir) -> None:
+def finish(
+    on: Ground,
+    program: Program,
+    plan: Plan,
+    run: RunDir,
+    rewards: Mapping[Hashable, TrainedReward],
+) -> None:
     """Plays a program's policies; their numbers are the phase `variants-PROGRAM`, and a video of
     the best policy of each row goes to the study's folder `films`."""
     rows, folder = program.rows, saved.root(run.path) / "films"
     latest = checkpoint.latest(run.path / "policies" / program.name)
     policies = checkpoint.restore(latest, _like(rows[0].config, len(rows)))
-    found, played = figures(on, policies)
+    found, played = figures(on, policies, _rewards_of(rows, rewards))
     files = saved.row_files(run.path, [*plan.rows])
     best: dict[int, int] = {}
     for i, row in enumerate(rows):
@@ -170,3 +188,14 @@ def finish(on: Ground, program: Program, plan: Plan, run: RunDir) -> None:
     known = {f"played_{name}": values for name, values in found.items()}
     known["played_starts"] = [on.each] * len(rows)
     run.finish_phase(f"variants-{program.name}", {"rows": of, "numbers": known})
+
+
+def _rewards_of(rows: Sequence[Row], rewards: Mapping[Hashable, TrainedReward]) -> Any:
+    """The parameters of the rewards that policies observe, leaves (K, ...)."""
+    each = []
+    for row in rows:
+        played = _played_as(row.config)
+        known = rewards[reward_key(row.config)] if learns(played) else None
+        of = (known.params, known.demos, known.num_classes) if known else (None, None, 0)
+        each.append(policy_rewards.parameters(played, *of))
+    return stack(each)
