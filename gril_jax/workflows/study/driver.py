@@ -27,7 +27,7 @@ from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
 
-from . import audit, measures, saved, separation, summary, variants
+from . import audit, elsewhere, measures, saved, separation, summary, variants
 from . import programs as study_programs
 from . import rewards as study_rewards
 from .measures import Gather
@@ -205,6 +205,7 @@ def _measures(plan: Plan, gather: Gather, run: Path) -> list[measures.Measure]:
         "profiles": partial(measures.Profiles, gather),
         "separation": partial(separation.Separation, gather),
         "files": partial(measures.Files, plan, run),
+        "elsewhere": elsewhere.Elsewhere,
     }
     asked = [make[kind](**options) for kind, options in plan.study.measure.items() if kind in make]
     return [measures.Tau(), *asked]

@@ -34,7 +34,7 @@ _PACKAGE = "gril_jax.experiments.studies"
 # What can be measured of a row's rewards or policies, and the options of each.
 MEASURES = {
     "profiles": set(), "audit": {"variants", "starts", "ascents"}, "separation": set(),
-    "files": set(), "variants": {"starts"},
+    "files": set(), "variants": {"starts"}, "elsewhere": {"starts", "states"},
 }  # fmt: skip
 
 Change = Mapping[str, Any]  # dotted fields of the configuration, such as "loss.touch", to values

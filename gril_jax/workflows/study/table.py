@@ -181,6 +181,7 @@ def _of_rewards(names: Sequence[str]) -> list[Section]:
             ],
         ),
         *(_of_audit(x.removeprefix("order_")) for x in names if x.startswith("order_")),
+        *_elsewhere([x.removeprefix("ranks_") for x in names if x.startswith("ranks_")]),
         Section(
             "Mean over seeds (95 % bootstrap interval of the interquartile mean). rho (Eq. 8) is "
             "the mean |cumulative reward| of held-out successes over that of failures, lower is "
@@ -221,6 +222,20 @@ def _of_audit(variant: str) -> Section:
         "share of them from which the reward leads uphill to a success.",
         [Column(f"{name}_{variant}", name.replace("_", " ")) for name in names],
     )
+
+
+def _elsewhere(variants: Sequence[str]) -> list[Section]:
+    """Of rewards in variants that their videos do not show."""
+    return [
+        Section(
+            f"The rewards in every variant, on made states, mean over seeds: {what}.",
+            [Column(f"{name}_{v}", v.capitalize()) for v in variants],
+        )
+        for name, what in (
+            ("ranks", "how often a success has more reward than another state of the same start"),
+            ("best", "how often the state with the highest reward is a success"),
+        )
+    ]
 
 
 def _of_variants(lines: Sequence[Line], names: Sequence[str]) -> list[Section]:
