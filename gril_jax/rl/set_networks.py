@@ -15,12 +15,12 @@ With `half` products and what lies between layers are bfloat16; weights and outp
 Shapes use B for any batch, O for the observation, N for rows of all kinds and H for their width.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from brax.training.agents.ppo.networks import PPONetworks
 from brax.training.networks import FeedForwardNetwork
 from flax import linen
@@ -122,7 +122,7 @@ class _Objects(linen.Module):
         for numbers in self.more:
             end = at + (1 + total) * numbers
             each = observation[..., at:end].reshape(*observation.shape[:-1], 1 + total, numbers)
-            ends = np.cumsum([1, *(count for count, _ in self.rows)])
+            ends = [*itertools.accumulate((count for count, _ in self.rows), initial=1)]
             each = jnp.split(each, ends, axis=-2)[1:-1]  # the robot's count for nothing
             kinds = [jnp.concatenate(pair, axis=-1) for pair in zip(kinds, each, strict=True)]
             at = end
