@@ -141,7 +141,7 @@ def _check_policy(about, arrays):
     """Each layer takes what the one before it gives, and nothing is missing or left over."""
     version = (about["format"], about["version"])
     known = version == ("gril-jax policy", 2) and type(about["version"]) is int
-    _require(known, f"it is {version}")
+    _require(known, "it holds a {}, version {}".format(*version))
     wanted, size = {}, about["layers"][0]["in"]
     wanted["observation_mean"] = wanted["observation_limit"] = (size,)
     for i, layer in enumerate(about["layers"]):

@@ -33,6 +33,9 @@ _APART = 0.7, 2.5
 # what holds others has another size (factors of its sides), and takes along what lies in it.
 _ELSEWHERE, _TAKEN_ALONG = 0.5, 0.5
 _SIZES = 0.7, 1.5
+# There half of the copies lack some of what no demonstration moves, and some of the rest is of the
+# class of another object.
+_LACKING, _OTHER_CLASS = 0.5, 0.15
 
 Ends = FinalPlaces | Arrangement  # what counts as done
 
@@ -149,6 +152,26 @@ def displaced(
     before = Copy(center, size, active | touched, chosen)
     place = jnp.where(chosen[:, None], place, center)
     return _in_other_layouts(key_layout, before, place, movable, holds, extent)
+
+
+def other_things(
+    key: PRNGKeyArray, demo: DemoBatch, places: Ends
+) -> tuple[Int[Array, "N"], Bool[Array, "N"]]:
+    """Labels of a copy's objects, and which of them are there: other scenes hold other things.
+
+    Only what no demonstration moves is exchanged or left out, and holds nothing. Where ends are
+    places of classes everything stays as it is. The key is consumed.
+    """
+    if not isinstance(places, Arrangement):
+        return demo.label, demo.present
+    keys = jax.random.split(key, 5)
+    solid = demo.present & ~demo.is_robot & ~places.bonds.container[demo.label]
+    rests = solid & places.rests[demo.label]
+    some = jax.random.bernoulli(keys[0], _LACKING)
+    gone = some & jax.random.bernoulli(keys[1], jax.random.uniform(keys[2]), rests.shape)
+    other = jax.random.categorical(keys[3], jnp.where(solid, 0.0, -1e9), shape=rests.shape)
+    changed = rests & jax.random.bernoulli(keys[4], _OTHER_CLASS, rests.shape)
+    return jnp.where(changed, demo.label[other], demo.label), demo.present & ~(rests & gone)
 
 
 def _at_edge(key: PRNGKeyArray, center, sides, size) -> Float[Array, "N 2"]:

@@ -30,7 +30,7 @@ from gril_jax.types import DemoBatch
 
 from . import batch
 from .arrangement import Arrangement, disarray
-from .batch import Ends, displaced
+from .batch import Ends, displaced, other_things
 from .final_places import misplacement
 from .options import Hyper, Static
 
@@ -122,8 +122,9 @@ def _of_video(
 
         def copy(key):
             made = displaced(key, *boxes, demo, judge.places, judge.extent, unit)
-            scene = frame._replace(center=made.center, size=made.size, active=made.active)
-            return _excess(judge, _ascended(judge, scene, made.moved, demo.present), demo.present)
+            label, present = other_things(jax.random.fold_in(key, 10), demo, judge.places)
+            scene = Scene(made.center, made.size, label, demo.is_robot, made.active)
+            return _excess(judge, _ascended(judge, scene, made.moved, present), present)
 
         copies = jax.vmap(copy)(jax.random.split(key_copies, judge.config.num_perturbations))
         return _excess(judge, frame, demo.present), copies

@@ -51,7 +51,7 @@ class Memory(NamedTuple):
     data_fields=["params"],
     meta_fields=["config", "classes", "robots", "objects", "activity", "description"],
 )
-@dataclasses.dataclass(frozen=True, eq=False)  # by identity: `jax.jit(learned)` hashes it
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)  # by identity: `jax.jit` hashes it
 class LearnedReward:
     """The reward of Eq. 7 with its encoder's choices, its classes and its activity rule (Eq. 4)."""
 
@@ -77,6 +77,10 @@ class LearnedReward:
                         f"{field} names {name!r}; it must be one of the classes "
                         f"{', '.join(self.classes)}."
                     )
+
+    def __repr__(self) -> str:
+        of = ", ".join(self.objects) or f"any objects of {len(self.classes)} classes"
+        return f"<learned reward of {of}>"
 
     @property
     def about(self) -> dict[str, Any]:

@@ -98,8 +98,8 @@ def test_every_single_byte_is_under_the_digest(file):
 @pytest.mark.parametrize(
     ("changed", "text"),
     [
-        ({"format": "gril-jax reward"}, "it is .'gril-jax reward', 2."),
-        ({"version": 3}, "it is .'gril-jax policy', 3."),
+        ({"format": "gril-jax reward"}, "it holds a gril-jax reward, version 2"),
+        ({"version": 3}, "it holds a gril-jax policy, version 3"),
         ({"layers": []}, "list index"),
         ({"layers": ABOUT["layers"][:2]}, "shapes"),
         ({"layers": [ABOUT["layers"][0] | {"activation": "gelu"}]}, "no known activation"),

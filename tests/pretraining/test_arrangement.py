@@ -217,3 +217,18 @@ def test_in_another_layout_the_region_has_another_size_and_takes_along_what_lies
     far = (np.abs(made.center[:, 1] - center[1]) > 0.3).any(axis=1)
     inside = (np.abs(made.center[:, 2] - made.center[:, 1]) <= made.size[:, 1] / 2).all(axis=1)
     assert 0.2 < inside[far].mean() < 0.9
+
+
+def test_some_copies_hold_other_things_where_no_demonstration_moves_any():
+    demo, goal = jax.tree.map(lambda x: x[0], KNOWN["inside"]), _goal("inside")
+    draw = jax.jit(jax.vmap(lambda key: batch.other_things(key, demo, goal)))
+    label, there = map(np.asarray, draw(jax.random.split(jax.random.key(0), 400)))
+    own = np.asarray(demo.label)
+    rests = np.asarray(goal.rests)[own] & ~np.asarray(demo.is_robot)
+    assert rests.any()
+    assert (label == own)[:, ~rests].all()
+    assert there[:, ~rests].all()
+    assert 0.15 < 1 - there[:, rests].mean() < 0.35  # half of the copies, half of their things
+    assert 0.4 < there.all(axis=1).mean() < 0.8
+    assert 0.02 < (label != own)[:, rests].mean() < 0.15
+    assert set(label.ravel()) <= set(own)

@@ -92,6 +92,13 @@ def test_some_copies_are_close_to_the_reference_on_all_sides(made):
         assert (close & (offset * sign > 0).all(axis=1)).any()
 
 
+def test_where_ends_are_places_a_copy_holds_the_same_things(demos, places):
+    demo = jax.tree.map(lambda x: x[0], demos)
+    label, there = batch.other_things(jax.random.key(0), demo, places)
+    np.testing.assert_array_equal(label, demo.label)
+    np.testing.assert_array_equal(there, demo.present)
+
+
 def _contrast(params, demos, places, config=CONFIG, pool=None, **hyper):
     active = jnp.zeros(demos.center.shape[:3], bool)
     return contrast.contrast(

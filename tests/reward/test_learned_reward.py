@@ -94,6 +94,13 @@ def test_every_option_of_the_activity_rule_is_used():
         assert from_json(rule._asdict()) == rule
 
 
+def test_it_says_in_a_line_what_it_is_of():
+    learned = _learned()
+    assert repr(learned) == f"<learned reward of {', '.join(OBJECTS)}>"
+    some = repr(dataclasses.replace(learned, objects=()))
+    assert some == f"<learned reward of any objects of {len(CLASSES)} classes>"
+
+
 def test_it_is_an_argument_of_a_compiled_function_or_a_constant_in_one():
     learned = _learned()
     center, size = (x[0] for x in boxes(1))
