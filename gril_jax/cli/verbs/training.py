@@ -9,7 +9,7 @@ from gril_jax.config import RunConfig, Variant
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.files import sections
 from gril_jax.config.run_config import Sections
-from gril_jax.config.tables import between, count
+from gril_jax.config.tables import ALIGNMENTS, REWARDS, between, count
 from gril_jax.errors import ConfigError
 from gril_jax.runs import places, reading, run_dir
 
@@ -28,6 +28,9 @@ class _Own:
     """Folder of a run that was cut off, to go on with bit for bit."""
     hard_negatives: str | None = None
     """Runs whose rewards overestimated states to learn from: one, or two with a comma."""
+    rounds: int = field(default=1, metadata=between(1, 8))
+    """Rewards and policies to learn, one after the other: each reward also learns from states that
+    the two policies before it found to be overestimated."""
     dry_run: bool = False
     """Say what would run, how long and in how much memory; write nothing."""
 
@@ -46,9 +49,25 @@ def _run(given: _Train, name: str, prog: str, *, films: bool = False) -> Work:
         config = new_run(given, prog, films_alone=films)
     if given.hard_negatives is not None:
         extra["hard_negatives"] = hard_negatives(given.hard_negatives, config)
+    if given.rounds > 1:
+        _require_rounds(given, name, config)
+        return experiment("rounds", config, config=config, devices=True, rounds=given.rounds)
     if given.dry_run:
         return experiment("dry_run", config, config=config, devices=True, verb=name)
     return experiment(name, config, config=config, devices=True, **extra)
+
+
+def _require_rounds(given: _Train, name: str, config: RunConfig) -> None:
+    """Raises ConfigError if there is nothing that rounds could learn from one another."""
+    if name != "train" or not REWARDS[config.run.reward_form].learns or config.run.reward_source:
+        raise ConfigError(
+            f"--rounds is {given.rounds}, but must be 1 where no reward and policy are learned"
+        )
+    if config.encoder.kind == "pixels" or ALIGNMENTS[config.loss.consistency].head:
+        raise ConfigError(
+            f"--rounds is {given.rounds}, but must be 1 for a reward that reads pictures or "
+            "predicts progress: hard negatives teach distances between boxes"
+        )
 
 
 def _resumed(given: _Train, name: str) -> RunConfig:
@@ -87,6 +106,12 @@ def _begun(given: _Train, name: str, new: Sections | None) -> Sections | None:
     ConfigError for options that exclude each other."""
     if given.dry_run and (given.resume is not None or given.hard_negatives is not None):
         raise ConfigError("--dry-run is for a new run, without --resume and --hard-negatives")
+    alone = given.resume is None and given.hard_negatives is None and not given.dry_run
+    if given.rounds > 1 and not alone:
+        raise ConfigError(
+            f"--rounds is {given.rounds}, but must be 1 beside --resume, --hard-negatives or "
+            "--dry-run"
+        )
     if given.resume is not None and given.hard_negatives is not None:
         raise ConfigError(
             "--hard-negatives is given beside --resume, but a run that goes on has its own"

@@ -1,0 +1,55 @@
+"""Trains in rounds: a reward learns from the videos, and from what policies before it exploited.
+
+gril train CONFIG --rounds 3
+
+A policy finds the states that its reward overestimates. The next round's reward learns from them as
+hard negatives (`gril_jax.pretraining.hard_negatives`), and a new policy from that reward. No one
+looks at it, and neither the task's reward nor its success is used. Each round is a run of its own,
+in the folders `round-1`, `round-2` and so on. One that is cut off goes on with `gril train
+--resume OUT/round-2`; the rounds after it are not made.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from gril_jax.config import RunConfig
+from gril_jax.report import rates
+from gril_jax.report.headline import audit_sentence
+from gril_jax.runs import run_dir
+from gril_jax.runs.reading import read_results
+from gril_jax.safe_files import writing
+
+from . import train
+from .pretrain import Echo
+
+AT_MOST = 2  # earlier rounds that a reward learns from: the last ones
+
+
+def main(config: RunConfig, *, rounds: int, echo: Echo = print) -> Path:
+    """Makes so many rounds; returns the folder that has them."""
+    out = Path(config.run.out) if config.run.out else run_dir.default_path(config.run.seed)
+    with writing(out.parent):
+        out.mkdir(parents=True)
+    done: list[Path] = []
+    for number in range(1, rounds + 1):
+        echo(f"round {number} of {rounds}")
+        run = dataclasses.replace(config.run, out=str(out / f"round-{number}"))
+        own = dataclasses.replace(config, run=run)
+        done.append(train.main(own, hard_negatives=done[-AT_MOST:], echo=echo))
+    echo("\n" + "\n".join(table(done)))
+    return out
+
+
+def table(runs: Sequence[Path]) -> list[str]:
+    """What each round came to, as lines."""
+    lines = []
+    for number, folder in enumerate(runs, 1):
+        results = read_results(folder)
+        said = [rates.sentences(results)[0]]
+        if "audit" in results:
+            said.append(audit_sentence(results).partition(" (")[0])
+        if taught := results.get("hard_negatives"):
+            said.append(f"{taught} states of earlier policies as hard negatives")
+        lines.append(f"round {number}: {'; '.join(said)}")
+    return lines

@@ -1,0 +1,60 @@
+"""Training in rounds: each reward learns from the policies before it."""
+
+import pytest
+from support import own_task
+
+from gril_jax.cli import main
+from gril_jax.runs.reading import read_phases, read_results
+from gril_jax.workflows import rounds
+
+TRAIN = (
+    "train", "small.yaml", "--task", "my_task.py:make", "--demos", "mine", "--out", "run",
+    "--reward", "learned", "--ppo.sub-policies", "1",
+)  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    own_task.write(tmp_path)
+    own_task.demonstrations(tmp_path / "mine")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path
+
+
+def test_each_round_is_a_run_that_learns_from_the_last_ones_before_it(folder, capsys, monkeypatch):
+    monkeypatch.setattr(rounds, "AT_MOST", 1)
+    assert main.main([*TRAIN, "--rounds", "3"]) == 0
+    said = capsys.readouterr().out
+    names = [f"round-{k}" for k in (1, 2, 3)]
+    assert sorted(x.name for x in (folder / "run").iterdir()) == names
+    for number, before in ((1, []), (2, [1]), (3, [2])):
+        run = folder / "run" / f"round-{number}"
+        noted = read_phases(run).finished.get("hard_negatives_of", {"runs": []})["runs"]
+        assert noted == [str(folder / "run" / f"round-{k}") for k in before]
+        results = read_results(run)
+        line = next(x for x in said.splitlines() if x.startswith(f"round {number}: "))
+        assert f"{100 * results['success']:.1f}%" in line
+        taught = results["hard_negatives"]
+        assert (f"{taught} states of earlier policies" in line) == (taught > 0)
+        assert taught > 0 or not before
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--rounds", "0"], "--rounds is 0, but must be from 1 to 8"),
+        (
+            ["--rounds", "2", "--dry-run"],
+            "must be 1 beside --resume, --hard-negatives or --dry-run",
+        ),
+        (["--rounds", "2", "--hard-negatives", "other"], "must be 1 beside --resume"),
+        (["--rounds", "2", "--reward", "environmental"], "where no reward and policy are learned"),
+        (["--rounds", "2", "--loss.consistency", "rewind"], "or predicts progress: hard negatives"),
+    ],
+)
+def test_rounds_that_have_nothing_to_learn_are_told_so(folder, capsys, options, why):
+    plain = ["--pretrain.num-perturbations", "0", "--pretrain.adversarial-steps", "0"]
+    assert main.main([*TRAIN, *plain, *options]) == 2
+    assert why in capsys.readouterr().err
+    assert not (folder / "run").exists()
