@@ -137,7 +137,7 @@ def learn(run: OpenRun, demos: demonstrations.Demonstrations) -> dict[str, Any]:
     rows = [row for row in run.dir.metrics() if row["phase"] == "pretrain"]
     results = {name: float(value) for name, value in found.items()} | {
         "consistency": rows[-1]["consistency"],
-        "demonstrations": {split: len(names) for split, names in demos.names.items()},
+        "demonstrations": {split: len(names) for split, names in demos.names.items() if names},
         "trimmed_frames": demos.trimmed,
         "hard_negatives": 0 if pool is None else len(pool.label),
         "reward_sha256": state_leaves.digest(params),

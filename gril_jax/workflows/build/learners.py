@@ -31,7 +31,7 @@ class Learner(NamedTuple):
     """Functions of a state, the data and the traced options: pure except `films`."""
 
     static: Static | PixelStatic
-    data: Any  # of the training and of the held-out demonstrations, and scenes to learn from, too
+    data: Any  # training and held-out demonstrations, scenes to learn from, failures that teach
     init: Callable[[PRNGKeyArray, Any], Any]
     step: Callable[[Any, Any, Hyper, Part], tuple[Any, Any]]  # some of `static.updates` updates
     metrics: Any  # of a step before its first update
@@ -69,9 +69,10 @@ def _of_boxes(config, demos, pool) -> Learner:
         params = state.params
         return pretrain.learned_reward(params.encoder, data[0], hyper, static, params.head)
 
+    failed = demos.batch("teaching failure") if demos.names.get("teaching failure") else None
     return Learner(
         static,
-        (demos.batch("train"), demos.batch("validation"), pool),
+        (demos.batch("train"), demos.batch("validation"), pool, failed),
         init,
         step,
         pretrain.no_metrics(pretrain.Metrics, static.updates),
@@ -96,7 +97,7 @@ def _of_members(static: Static):
         return pretrain.init(key, data[0], one)
 
     def step(state, data, hyper, part):
-        return pretrain.step(state, data[0], hyper, one, data[2], part)
+        return pretrain.step(state, data[0], hyper, one, data[2], part, data[3])
 
     def init_all(key, data):
         return jax.vmap(init, (0, None))(jax.random.split(key, members), data)

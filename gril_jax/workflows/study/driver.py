@@ -280,7 +280,7 @@ def _with_demonstrations(rows: list[Row], gather: Gather, failed: dict[int, str]
 
 
 def _of_set(config: RunConfig) -> Hashable:
-    return study_rewards.task_key(config), config.demos
+    return study_rewards.set_key(config)
 
 
 def _gatherer(base: RunConfig, run: run_dir.RunDir, progress: Progress) -> Gather:

@@ -29,7 +29,7 @@ from gril_jax.workflows.build.demonstrations import Demonstrations
 from gril_jax.workflows.learning import diverged
 from gril_jax.workflows.learning.encoders import stack
 
-from .rewards import TrainedReward, reward_key, task_key
+from .rewards import TrainedReward, reward_key, set_key
 from .saved import Plan, Row, learns, root, row_files
 
 Gather = Callable[[RunConfig], Demonstrations]
@@ -157,7 +157,7 @@ class Profiles(Measure):
     def same(self, config):
         """The task, its demonstrations and the encoder's form."""
         static = setup.pretrain_config(config, num_classes(config.env))
-        return task_key(config), config.demos, static
+        return set_key(config), static
 
     def lower(self, config, params):
         """A program for demonstrations kept aside, and one for failures if there are any."""

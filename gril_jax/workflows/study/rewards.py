@@ -44,6 +44,11 @@ def task_key(config: RunConfig) -> Hashable:
     return tuple(value for name, value in vars(config.env).items() if name not in _OF_POLICIES)
 
 
+def set_key(config: RunConfig) -> Hashable:
+    """The demonstrations that encoders learn from and are measured on."""
+    return task_key(config), config.demos, config.pretrain.failures
+
+
 class Wanted(NamedTuple):
     """Rewards that share one program, which is being compiled."""
 
@@ -65,7 +70,7 @@ def get_ready(
     groups: dict[Hashable, list[Hashable]] = {}
     for key, config in needed.items():
         static = learners.static_config(config, len(gather(config).demo_set.classes))
-        same = (task_key(config), config.demos, static, config.pretrain.steps)
+        same = (set_key(config), static, config.pretrain.steps)
         groups.setdefault(same, []).append(key)
     found = []
     for number, members in enumerate(groups.values()):
