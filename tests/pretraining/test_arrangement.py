@@ -187,9 +187,9 @@ def test_what_moves_as_one_keeps_its_distances():
 def other_layouts():
     """Copies of an end, in which the robot stands and only the star in the region has moved."""
     demo = jax.tree.map(lambda x: x[0], KNOWN["inside"])
-    moved = jnp.arange(6) == 2
+    moved, goal = jnp.arange(6) == 2, _goal("inside")
     draw = lambda key: batch.displaced(  # noqa: E731
-        key, demo.center[1], SIZE, moved, demo, _goal("inside"), 1.0
+        key, demo.center[1], SIZE, moved, demo, goal, 1.0
     )
     keys = jax.random.split(jax.random.key(0), 500)
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(draw))(keys)), np.asarray(demo.center[1])
