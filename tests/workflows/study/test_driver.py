@@ -89,3 +89,9 @@ def test_a_reward_that_cannot_be_learned_fails_its_rows_alone(task, monkeypatch,
     assert main.main([*command("sweep")]) == 1
     assert "the row 'reward learned' failed: ValueError: no encoder" in capsys.readouterr().out
     assert {x["row"] for x in _lines(task / "run")} == {"reward environmental"}
+
+
+def test_counts_are_said_in_the_singular_and_the_plural():
+    counts = {"rewards": 1, "policies": 1, "programs": 2, "rows": 0}
+    assert driver.in_words(counts) == "1 reward, 1 policy, 2 programs"
+    assert driver.in_words({"policies": 3}) == "3 policies"
