@@ -3,13 +3,13 @@
 Shapes use S for rewards, B for starts, K for states and N for objects.
 """
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from gril_jax.audit import elsewhere
 from gril_jax.audit.scene_reward import Scene, scene_reward
@@ -42,6 +42,7 @@ class Elsewhere(Measure):
 
     def __init__(self, *, starts: int = 64, states: int = 256) -> None:
         self.starts, self.states = starts, states
+        self._made: dict[Hashable, dict[str, States]] = {}
 
     def asked(self, config: RunConfig) -> bool:
         """True for a task that scores a state with its things in other places."""
@@ -61,17 +62,28 @@ class Elsewhere(Measure):
         """The figures of each reward, such as `ranks_layout` and `best_layout`."""
         params = stack([one.params for one in found])
         known: dict[str, list[float]] = {}
-        for number, name in enumerate(registry.build(config.env.name, {}).variants):
-            states = jax.jit(self._states(_variant(config, name)))(jax.random.key(number))
+        for name, states in self._by_variant(config).items():
             with jax.debug_nans(False):  # a start may have no success among its states
-                of_start = programs[0](params, states)
-            means = [np.nanmean(np.asarray(x), axis=1).tolist() for x in of_start]
-            known[f"ranks_{name}"], known[f"best_{name}"] = means
+                of_start = [np.asarray(x) for x in programs[0](params, states)]
+            if np.isfinite(of_start[0]).any():
+                means = [np.nanmean(x, axis=1).tolist() for x in of_start]
+                known[f"ranks_{name}"], known[f"best_{name}"] = means
         return known
+
+    def _by_variant(self, config: RunConfig) -> dict[str, States]:
+        """The same states for all rewards of a task."""
+        key = task_key(config)
+        if key not in self._made:
+            names = registry.build(config.env.name, {}).variants
+            self._made[key] = {
+                name: jax.jit(self._states(_variant(config, name)))(jax.random.key(number))
+                for number, name in enumerate(names)
+            }
+        return self._made[key]
 
     def _states(self, env: Env):
         """A function from a key to states of a variant."""
-        words = jnp.asarray(words_of(env.classes))
+        kinds = jnp.asarray(_kinds(env.classes))
         regions = sum(name.endswith("region") for name in env.object_names)
 
         def of_start(key):
@@ -79,7 +91,7 @@ class Elsewhere(Measure):
             begun = env.reset(key_reset)
             seen = begun.objects
             start = elsewhere.Start(
-                seen.center, seen.size, words[seen.label], regions=regions, arena=env.arena
+                seen.center, seen.size, kinds[seen.label], regions=regions, arena=env.arena
             )
             center = elsewhere.arrangements(key_made, start, self.states)
             could = jax.vmap(lambda c: elsewhere.possible(c, start))(center)
@@ -90,6 +102,15 @@ class Elsewhere(Measure):
             return States(scene, score > 0.5, could)
 
         return lambda key: jax.vmap(of_start)(jax.random.split(key, self.starts))
+
+
+def _kinds(classes: Sequence[str]) -> Int[np.ndarray, "C 2"]:
+    """Colour and shape of each class of blocks, each counted from 0; 0 of robot and regions."""
+    words, found = np.asarray(words_of(classes)), np.zeros((len(classes), 2), int)
+    blocks = [i for i, name in enumerate(classes) if " " in name and not name.endswith("region")]
+    for k in range(2):
+        found[blocks, k] = np.unique(words[blocks, k], return_inverse=True)[1]
+    return found
 
 
 def _variant(config: RunConfig, name: str) -> Env:

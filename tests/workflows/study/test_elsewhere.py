@@ -70,3 +70,10 @@ def test_every_variant_has_as_many_objects():
         for name in ("demo", "countplus", "all")
     ]
     assert len({x.shape for x in made}) == 1
+
+
+def test_colours_and_shapes_are_counted_from_0_each():
+    classes = ["robot", "red region", "blue region", "red star", "blue star", "blue square"]
+    kinds = elsewhere._kinds(classes)
+    np.testing.assert_array_equal(kinds[:3], 0)
+    np.testing.assert_array_equal(kinds[3:], [[0, 0], [1, 0], [1, 1]])
