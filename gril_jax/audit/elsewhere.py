@@ -1,4 +1,4 @@
-"""How well a reward ranks states in scenes that its videos do not show.
+"""Ranks by a reward of states in scenes that its videos do not show.
 
 An audit needs stages, which are those of the Demo start's things. Where colours, shapes, places or
 counts are others, a task still has a score. So the things of a start are put elsewhere at random,
@@ -34,7 +34,7 @@ class Ranked(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What a start holds."""
+    """The robot, regions and blocks of a start."""
 
     center: Float[Array, "N 2"]
     size: Float[Array, "N 2"]  # 0 of what is not there

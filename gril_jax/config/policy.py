@@ -38,8 +38,7 @@ class PolicyConfig:
     observation is xmagical."""
     observe_gradient: bool = False
     """True if the policy sees the gradient of the learned reward with respect to each object's
-    centre, which says where it should go. It then learns for layouts that the videos do not show.
-    """
+    centre, which says where it should go. For layouts that the videos do not show."""
     visited_state_resets: float = field(default=0.0, metadata=between(0, 1))
     """Fraction of training episodes that begin at states which the policy has visited, sampled
     evenly over their rewards. It falls to 0 over the first nine tenths of training."""

@@ -42,7 +42,7 @@ def main(config: RunConfig, *, rounds: int, echo: Echo = print) -> Path:
 
 
 def table(runs: Sequence[Path]) -> list[str]:
-    """What each round came to, as lines."""
+    """A line for each round: its success, its audit and its hard negatives."""
     lines = []
     for number, folder in enumerate(runs, 1):
         results = read_results(folder)

@@ -7,8 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gril_jax.pretraining import batch
+from gril_jax.encoders import encoder
+from gril_jax.encoders.encoder import EncoderConfig
+from gril_jax.pretraining import batch, contrast
 from gril_jax.pretraining.arrangement import Arrangement, arrangement, disarray, words_of
+from gril_jax.pretraining.options import Hyper, Static
 from gril_jax.types import DemoBatch
 
 CLASSES = ("robot", "red region", "red star", "blue star", "blue square")
@@ -232,3 +235,24 @@ def test_some_copies_hold_other_things_where_no_demonstration_moves_any():
     assert 0.4 < there.all(axis=1).mean() < 0.8
     assert 0.02 < (label != own)[:, rests].mean() < 0.15
     assert set(label.ravel()) <= set(own)
+
+
+def test_the_loss_learns_from_copies_that_hold_other_things(monkeypatch):
+    demos, goal = KNOWN["inside"], _goal("inside")
+    config = Static(
+        EncoderConfig(5, width=4, rounds=1, latent=3), goal_model="arrangement", words=WORDS,
+        num_perturbations=3, perturbed_frames=4,
+    )  # fmt: skip
+    params = encoder.init(jax.random.key(0), config.encoder)
+
+    def loss():
+        bits = jnp.zeros(demos.center.shape[:3], bool)
+        key = jax.random.key(1)
+        return float(contrast.contrast(params, key, demos, bits, goal, Hyper(), config))
+
+    found = loss()
+    monkeypatch.setattr(
+        contrast, "other_things", lambda key, demo, ends: (demo.label, demo.present)
+    )
+    assert np.isfinite(found)
+    assert found != loss()

@@ -34,7 +34,7 @@ class States(NamedTuple):
 
 
 class Elsewhere(Measure):
-    """How often a success has more reward than another made state of the same start, by variant.
+    """The share of pairs of a success and another state of its start that a reward has in order.
 
     So many starts of each variant are drawn, and so many states made of each."""
 
