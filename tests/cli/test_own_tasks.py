@@ -25,13 +25,9 @@ from gril_jax.workflows.study.recipe import changed
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """An empty folder with the task and its videos, and a user who has named nothing yet."""
-    own_task.write(tmp_path)
-    own_task.demonstrations(tmp_path / "mine")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setattr(files, "_named", {})
     monkeypatch.setattr(files, "_moved", {})
-    return tmp_path
+    return own_task.home(tmp_path, monkeypatch)
 
 
 def _fault(capsys, *args):

@@ -71,3 +71,12 @@ def demonstrations(folder: Path, classes=CLASSES, *, half_extent: float = 1.0, r
     about = {"task": "", "half_extent": half_extent, "fps": 10.0, "source": "a test"}
     write_demo_set(folder, films(), classes=classes, robots=robots, **about)
     return folder
+
+
+def home(folder, monkeypatch):
+    """The folder, with the task and its videos, as the working directory of a new user."""
+    write(folder)
+    demonstrations(folder / "mine")
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("XDG_STATE_HOME", str(folder / "state"))
+    return folder

@@ -15,11 +15,7 @@ TRAIN = (
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    own_task.write(tmp_path)
-    own_task.demonstrations(tmp_path / "mine")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path
+    return own_task.home(tmp_path, monkeypatch)
 
 
 def test_each_round_is_a_run_that_learns_from_the_last_ones_before_it(folder, capsys, monkeypatch):
