@@ -210,10 +210,11 @@ class Files(Measure):
         self.plan, self.run = plan, run
 
     def measure(self, programs, config, found):
-        """Writes the rewards of a row, named after the first row that has them."""
+        """Writes the rewards of a row, named after the first row of the work that learns them."""
         files, plan = row_files(self.run, [*self.plan.rows]), self.plan
         key = reward_key(with_seed(config, plan.config.run.seed - config.run.seed))
-        stem = next(files[name].stem for name, x in plan.rows.items() if reward_key(x) == key)
+        made = {name: x for name, x in plan.rows.items() if name in plan.work and learns(x)}
+        stem = next(files[name].stem for name, x in made.items() if reward_key(x) == key)
         env = setup.make_env(config.env, training=False)
         words = vocabulary.of_task(env, config.env.name)
         out = root(self.run) / "rewards"

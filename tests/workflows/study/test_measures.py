@@ -9,6 +9,7 @@ from support.kinematic_demos import kinematic_demos
 from gril_jax.compilation import ahead
 from gril_jax.config import RunConfig
 from gril_jax.config.grid import with_seed
+from gril_jax.export.reward_file import load_reward
 from gril_jax.metrics.order import two_way_cycle_consistency
 from gril_jax.pretraining import pretrain
 from gril_jax.reward.latent_goal import RewardParams
@@ -17,9 +18,9 @@ from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
 from gril_jax.workflows.study import measures
-from gril_jax.workflows.study.recipe import changed
+from gril_jax.workflows.study.recipe import Study, changed
 from gril_jax.workflows.study.rewards import TrainedReward, reward_key
-from gril_jax.workflows.study.saved import Row
+from gril_jax.workflows.study.saved import Plan, Row
 
 SMALL = {"encoder.width": 4, "encoder.rounds": 0, "encoder.latent": 3}
 
@@ -131,3 +132,14 @@ def test_a_reward_that_diverged_has_no_numbers_and_the_others_keep_theirs():
     found = {"tau": [0.5, 0.5, 0.7], "success": [[-1.0, 0.0]], "files": ["a", "b", "c"], "n": 3}
     kept = measures._kept(found, rewards)
     assert kept == found | {"tau": [0.5, None, 0.7]}
+
+
+def test_a_reward_file_has_the_name_of_a_row_that_learned_it(tmp_path):
+    own = changed(CONFIG, {"run.reward": "environmental"})
+    rows = {"its own": own, "left out": CONFIG, "ours": CONFIG}
+    plan = Plan(Study("test"), CONFIG, rows, {"its own": [0], "ours": [0]})
+    words = setup.make_env(CONFIG.env, training=False).classes
+    params = jax.tree.map(lambda x: jnp.ones(x.shape), setup.blank_reward(CONFIG, len(words)))
+    found = [TrainedReward(params, 0.0, None, 4)]
+    assert measures.Files(plan, tmp_path).measure(None, CONFIG, found) == {"files": ["ours-0"]}
+    assert load_reward(tmp_path / "rewards" / "ours-0.npz").classes == tuple(words)
