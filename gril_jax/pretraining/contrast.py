@@ -135,13 +135,17 @@ def _of_video(
 def _excess(judge: _Judge, scene: Scene, present: Bool[Array, "N"]) -> Float[Array, ""]:
     """Latent distance from the goal less the scene's cost, in units of the reward."""
     hyper, counted = judge.hyper, present & ~scene.is_robot
-    due = cost(
-        judge.places, scene, counted,
-        near_cost_fraction=hyper.near_cost_fraction, intrusion_weight=hyper.intrusion_weight,
-        touch=hyper.touch, clearance_radius=judge.config.clearance_radius,
-    )  # fmt: skip
+    due = cost(judge.places, scene, counted, **cost_options(hyper, judge.config))
     latent = _latent(judge.params, scene, present, hyper, judge.config)
     return _away(latent, judge.goal) / hyper.latent_scale - due
+
+
+def cost_options(hyper: Hyper, config: Static) -> dict[str, Any]:
+    """The options of `cost` that a configuration has."""
+    return dict(
+        near_cost_fraction=hyper.near_cost_fraction, intrusion_weight=hyper.intrusion_weight,
+        touch=hyper.touch, clearance_radius=config.clearance_radius,
+    )  # fmt: skip
 
 
 def cost(

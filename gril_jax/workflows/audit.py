@@ -1,6 +1,7 @@
 """Searches for states that a learned reward overestimates, before a policy finds them.
 
 gril audit RUN                      a run's reward, under a minute on two CPU cores
+gril audit RUN --taught             what its perturbed frames teach, in its place
 gril audit reward.npz --out found   a reward file
 
 A reward passes the audit if each figure keeps its threshold in `gril_jax.audit.thresholds`. A
@@ -23,7 +24,7 @@ from gril_jax import envs
 from gril_jax.audit import measures
 from gril_jax.audit.made import States, make_states
 from gril_jax.audit.measures import Audit
-from gril_jax.audit.scene_reward import Scene, scene_reward
+from gril_jax.audit.scene_reward import Scene, SceneReward, scene_reward
 from gril_jax.audit.states import SUCCESS
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.tables import ENCODERS
@@ -33,6 +34,9 @@ from gril_jax.demos.demo_set import load_demo_set
 from gril_jax.encoders.encoder import PixelConfig
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.export.reward_file import load_reward
+from gril_jax.pretraining import pretrain
+from gril_jax.pretraining.contrast import cost_options
+from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.audit_page import Findings
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs import run_dir
@@ -54,6 +58,7 @@ def main(
     ascents: int = 1000,
     starts: int = 4,
     seed: int = 0,
+    taught: bool = False,
     echo: Callable[[str], None] = print,
 ) -> dict[str, Any]:
     """Audits a reward; writes `audit.json`, which it returns, `report.html` and its pictures.
@@ -66,11 +71,17 @@ def main(
     ConfigError if reward and task do not fit together.
     """
     if out is None:
-        out = source / "audit" if source.is_dir() else source.with_name(f"{source.stem}-audit")
+        own = source / ("audit-taught" if taught else "audit")
+        out = own if source.is_dir() else source.with_name(f"{source.stem}-audit")
     asked = {"seed": seed, "ascents": ascents}
     found: Findings | film_audit.Findings
     if source.is_dir():
+        asked["taught"] = taught
         learned, found, videos, about = _of_run(source, task, demos, variant, starts, **asked)
+    elif taught:
+        raise ConfigError(
+            f"{source} does not say what it was taught, so --taught needs the folder of a run"
+        )
     else:
         learned, found, videos, about = _of_file(source, task, demos, variant, starts, **asked)
     along = {} if videos is None else held_out.measured(*videos, [learned.params])[0]
@@ -80,7 +91,8 @@ def main(
     with run_dir.writing(out):
         out.mkdir(parents=True, exist_ok=True)
         write_whole(out / "audit.json", with_digest(results) + "\n")
-    page = found.write_report(out, results, title=f"Audit of {source.name}")
+    of = f"what {source.name} is taught" if taught else source.name
+    page = found.write_report(out, results, title=f"Audit of {of}")
     for line in (*found.in_words(), *held_out.lines(results), f"report: {page}"):
         echo(line)
     return results
@@ -91,7 +103,7 @@ Videos = tuple[RunConfig, demonstrations.Demonstrations]
 Audited = tuple[LearnedReward, Findings | film_audit.Findings, Videos | None, dict[str, Any]]
 
 
-def _of_run(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
+def _of_run(source, task, demos, variant, starts, *, ascents, seed, taught) -> Audited:
     """The audit of a run's reward, with what it did."""
     config = run_dir.read_config(source, demos=demos)
     if task not in (None, config.env.name):
@@ -100,14 +112,38 @@ def _of_run(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
     setup.require_boxes(config, "an audit, which moves boxes")
     learned = export_reward.of_run(source)
     if not has_stages(config.env):
+        if taught:
+            raise ConfigError(
+                f"the task {config.env.name} has no `stages`, but --taught needs them"
+            )
         alone = film_audit.of_run(source, config, scenes=ascents, seed=seed)
         return learned, alone, (config, alone.demos), {"scenes": alone.numbers["scenes"]}
-    found, about = _searched(learned, config.env, source, variant, starts, ascents, seed)
-    folder = Path(config.demos.path or source / "demos")
-    if not (folder / schema.HEADER).is_file():
-        return learned, found, None, about
-    shown = demonstrations.chosen(config, setup.task_of(config.env), folder)
-    return learned, found, (config, shown), about
+    folder, videos = Path(config.demos.path or source / "demos"), None
+    if (folder / schema.HEADER).is_file():
+        videos = config, demonstrations.chosen(config, setup.task_of(config.env), folder)
+    pay = _taught(learned, videos, source) if taught else None
+    found, about = _searched(learned, config.env, source, variant, starts, ascents, seed, pay)
+    return learned, found, None if taught else videos, about | {"taught": taught}
+
+
+def _taught(learned: LearnedReward, videos: Videos | None, source: Path) -> SceneReward:
+    """Minus the cost that perturbed frames of a run teach, as a reward without parameters.
+
+    What fails its audit here cannot be mended by a longer training: the videos do not show it, or
+    the options of the section loss say something else."""
+    if videos is None:
+        raise RunError(f"{source} has lost its demonstrations: name them with --demos")
+    config, shown = videos
+    if config.pretrain.num_perturbations == 0:
+        raise ConfigError(
+            f"pretrain.num_perturbations of {source} is 0, but must be above 0: nothing else "
+            "teaches a cost"
+        )
+    film_audit.require_same_classes(learned, shown.demo_set)
+    num_classes = len(learned.classes)
+    static, hyper = setup.pretrain_config(config, num_classes), setup.pretrain_hyper(config)
+    ends = pretrain.places(shown.batch("train"), num_classes, static)
+    return lambda params, scene: due_rewards(ends, scene, **cost_options(hyper, static))
 
 
 def _of_file(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
@@ -134,13 +170,12 @@ def _of_file(source, task, demos, variant, starts, *, ascents, seed) -> Audited:
 
 
 def _searched(
-    learned: LearnedReward, chosen: EnvConfig, source, variant, starts, ascents, seed
+    learned: LearnedReward, chosen: EnvConfig, source, variant, starts, ascents, seed, pay=None
 ) -> tuple[Findings, dict[str, Any]]:
+    asked = dict(variant=variant, ascents=ascents, starts=starts, seed=seed, pay=pay)
     with Progress() as progress:
         phase = progress.phase("auditing the reward", total=ascents, unit="searches")
-        found = search(
-            learned, chosen, str(source), variant=variant, ascents=ascents, starts=starts, seed=seed
-        )
+        found = search(learned, chosen, str(source), **asked)
         phase.update(ascents)
     counted = math.prod(found.audit.found.reward.shape[:2])
     about = {"ascents": counted, "starts": starts, "variant": variant or _variant(chosen)}
@@ -163,11 +198,13 @@ def search(
     ascents: int = 1000,
     starts: int = 4,
     seed: int = 0,
+    pay: SceneReward | None = None,
 ) -> Findings:
-    """The audit of a reward in a task; `source` names the reward in errors, those of `main`."""
+    """The audit of a reward in a task, or of `pay` in its place; `source` names the reward in
+    errors, those of `main`."""
     env, names, scenes = _scenes(learned, chosen, source, variant, starts, seed)
     stages = env.stages
-    reward = scene_reward(learned.config)
+    reward = pay or scene_reward(learned.config)
     first = jax.tree.map(lambda x: x[0], scenes)
     jax.eval_shape(reward, learned.params, first)  # of other sizes: refused before any work
     keys = jax.random.split(jax.random.key(seed), starts + 1)

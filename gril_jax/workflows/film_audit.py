@@ -27,6 +27,7 @@ from gril_jax.demos.demo_set import DemoSet
 from gril_jax.errors import DemoError, RunError
 from gril_jax.pretraining import pretrain
 from gril_jax.pretraining.batch import Ends, displaced
+from gril_jax.pretraining.contrast import cost_options
 from gril_jax.pretraining.hard_negatives import due_rewards
 from gril_jax.report.film_audit_page import write_videos_report
 from gril_jax.reward.latent_goal import RewardParams
@@ -153,10 +154,7 @@ def measured(
     touched = pay(begin._replace(active=begin.active | movable))
     spread = jnp.maximum(jnp.mean(last - first), 1e-6)
     made = _amiss(jax.random.key(seed), held, end, ends, scenes, static.encoder.length_unit)
-    costs = dict(
-        near_cost_fraction=hyper.near_cost_fraction, intrusion_weight=hyper.intrusion_weight,
-        clearance_radius=static.clearance_radius,
-    )  # fmt: skip
+    costs = cost_options(hyper, static) | {"touch": 0.0}
     amiss = np.asarray(-due_rewards(ends, made, **costs)) > _AMISS
     reward = np.where(amiss, np.asarray(pay(made)), -np.inf)
     if not amiss.any():  # nothing could be displaced: the beginnings stand in

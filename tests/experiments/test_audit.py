@@ -3,15 +3,19 @@
 import dataclasses
 import json
 import types
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.kinematic_demos import kinematic_demos
 from support.run_folders import save_run
 
+from gril_jax.audit.scene_reward import Scene
 from gril_jax.cli import main
 from gril_jax.config import EncoderOptions, EnvConfig, RunConfig, RunSettings
+from gril_jax.demos.demo_set import DemoSet
 from gril_jax.encoders import encoder
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.export.reward_file import load_reward, save_reward
@@ -19,6 +23,8 @@ from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.workflows import audit
 from gril_jax.workflows.build import setup
+from gril_jax.workflows.build.demonstrations import Demonstrations
+from gril_jax.workflows.study.recipe import changed
 
 CLASSES = setup.make_env(EnvConfig(), training=False).classes
 OBJECTS = ("goal", "robot", "green square")
@@ -120,6 +126,42 @@ def test_classes_in_another_order_are_matched_by_name():
     learned = LearnedReward(_params(), CONFIG, turned)
     label = audit._labels(learned, CLASSES, np.array([[0, 1, 3]]), "reward.npz")
     assert [turned[i] for i in label[0]] == [CLASSES[i] for i in (0, 1, 3)]
+
+
+# --- what perturbed frames teach
+
+
+def _shown(batch, perturbations=1):
+    """A configuration and demonstrations, as an audit has them."""
+
+    class Made(Demonstrations):
+        def batch(self, split):
+            return batch
+
+    config = changed(RunConfig(), {"pretrain.num_perturbations": perturbations})
+    return config, Made(DemoSet((), "", CLASSES, 1.0, 8.0, "made"), {}, 0)
+
+
+def test_what_is_taught_is_0_at_the_ends_of_videos_and_minus_the_cost_elsewhere():
+    batch = jax.tree.map(jnp.asarray, kinematic_demos(0, 6, num_objects=4))
+    pay = audit._taught(LearnedReward(_params(), CONFIG, CLASSES), _shown(batch), Path("run"))
+    last = Scene(
+        batch.center[0, -1], batch.size[0, -1], batch.label[0], batch.is_robot[0],
+        jnp.ones(4, bool),
+    )  # fmt: skip
+    aside = [last._replace(center=last.center.at[i].add(3.0)) for i in range(4)]
+    assert float(pay(None, last)) == pytest.approx(0, abs=0.1)
+    assert min(float(pay(None, scene)) for scene in aside) < -0.4
+
+
+def test_only_a_run_with_perturbed_frames_says_what_it_was_taught(tmp_path):
+    with pytest.raises(ConfigError, match=r"reward.npz does not say .* needs the folder of a run"):
+        audit.main(_save(tmp_path / "reward.npz"), taught=True)
+    learned = LearnedReward(_params(), CONFIG, CLASSES)
+    with pytest.raises(RunError, match="run has lost its demonstrations: name them with --demos"):
+        audit._taught(learned, None, Path("run"))
+    with pytest.raises(ConfigError, match="num_perturbations of run is 0, but must be above 0"):
+        audit._taught(learned, _shown(None, 0), Path("run"))
 
 
 # --- a whole audit

@@ -36,6 +36,8 @@ class _Audit:
     """Starts of episodes; all states of the audit are made around them."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of all randomness."""
+    taught: bool = False
+    """Audit what the perturbed frames of a run teach, in place of what was learned."""
 
 
 def _audit(given: _Audit) -> Work:

@@ -23,6 +23,7 @@ from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.demos import schema
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.pretraining import pretrain
+from gril_jax.pretraining.contrast import cost_options
 from gril_jax.pretraining.hard_negatives import choose, due_rewards
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl.evaluate import begin, evaluate
@@ -132,11 +133,7 @@ def _overestimated(
     label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
     bits = pretrain.activity_bits(played, hyper, static)
     scenes = Scene(played.center, played.size, label, is_robot, bits)
-    costs = dict(
-        near_cost_fraction=hyper.near_cost_fraction, intrusion_weight=hyper.intrusion_weight,
-        touch=hyper.touch, clearance_radius=static.clearance_radius,
-    )  # fmt: skip
-    due = due_rewards(places, scenes, **costs)
+    due = due_rewards(places, scenes, **cost_options(hyper, static))
     chosen = choose(scenes, paid, due, num=_EACH)
     known = np.asarray(chosen.known)
     return jax.tree.map(lambda x: np.asarray(x)[known], chosen.scenes)
