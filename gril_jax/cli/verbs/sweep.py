@@ -242,7 +242,7 @@ def _made(
             "--dry-run is told by one process: leave out --devices, --cluster and --distributed"
         )
     if given.dry_run:
-        return lambda: _told(plan, said)
+        return lambda: _told(plan, given.videos, said)
 
     def work() -> int:
         environment = dict(os.environ)
@@ -276,12 +276,12 @@ def _made(
     return work
 
 
-def _told(plan: Any, said: Sequence[str]) -> int:
+def _told(plan: Any, films: str | None, said: Sequence[str]) -> int:
     with heavy_imports(plan.config, devices=True):
         from gril_jax.workflows.study import dry_run
     for sentence in said:
         echo(sentence)
-    return dry_run.main(plan, echo)
+    return dry_run.main(plan, films, echo)
 
 
 VERBS = {

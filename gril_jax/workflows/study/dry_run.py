@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from gril_jax.errors import DemoError
 from gril_jax.workflows.build import setup
 from gril_jax.workflows.build.policy_setup import policy_config
 
@@ -9,9 +10,15 @@ from . import driver
 from .saved import Plan, learns
 
 
-def main(plan: Plan, echo: Callable[[str], None] = print) -> int:
-    """Says it row by row, and writes nothing. Errors are those of `driver.make`."""
+def main(plan: Plan, films: str | None, echo: Callable[[str], None] = print) -> int:
+    """Says it row by row, and writes nothing. Errors are those of `driver.make_sets` and
+    `driver.make`; a demonstration set that would be made first is one, too."""
     rows = plan.runs
+    for out in driver.missing_sets([plan.rows[name] for name in plan.work], films):
+        raise DemoError(
+            f"{out} would be made first, but a dry run makes no demonstration set: leave out "
+            "--dry-run, or name the sets that there are with --sets"
+        )
     driver.require_possible(plan, rows, new=True)
     in_all = 0
     for name, seeds in plan.work.items():

@@ -68,6 +68,17 @@ def test_a_dry_run_tells_each_row_and_writes_nothing(tmp_path, monkeypatch, caps
     assert "leave out --devices" in _fault(capsys, "rewards", "--dry-run", "--devices", 2)
 
 
+def test_a_dry_run_makes_no_demonstration_sets(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    suite = "suite", "--dry-run", "--rows", "find_dupe from videos"
+    assert "to make it of videos --videos is missing" in _fault(capsys, *suite)
+    (tmp_path / "films" / "find-dupe").mkdir(parents=True)
+    (tmp_path / "films" / "find-dupe" / "000.mp4").touch()
+    said = "runs/magical_sets/find_dupe would be made first, but a dry run makes no"
+    assert said in _fault(capsys, *suite, "--videos", "films")
+    assert not (tmp_path / "runs").exists()
+
+
 def test_the_smaller_version_has_a_base_rows_and_seeds_of_its_own(planned):
     plan = planned("table1", "--quick", "--algorithm", "sac")
     assert plan.work == dict.fromkeys(("environmental", "ours without robot"), range(2))
