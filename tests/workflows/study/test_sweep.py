@@ -28,8 +28,8 @@ def planned(monkeypatch):
     return of
 
 
-def _fault(capsys, *args):
-    assert main.main(["sweep", *map(str, args)]) == 2
+def _fault(capsys, *args, code=2):
+    assert main.main(["sweep", *map(str, args)]) == code
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     return err
@@ -71,11 +71,11 @@ def test_a_dry_run_tells_each_row_and_writes_nothing(tmp_path, monkeypatch, caps
 def test_a_dry_run_makes_no_demonstration_sets(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     suite = "suite", "--dry-run", "--rows", "find_dupe from videos"
-    assert "to make it of videos --videos is missing" in _fault(capsys, *suite)
+    assert "to make it of videos --videos is missing" in _fault(capsys, *suite, code=1)
     (tmp_path / "films" / "find-dupe").mkdir(parents=True)
     (tmp_path / "films" / "find-dupe" / "000.mp4").touch()
     said = "runs/magical_sets/find_dupe would be made first, but a dry run makes no"
-    assert said in _fault(capsys, *suite, "--videos", "films")
+    assert said in _fault(capsys, *suite, "--videos", "films", code=1)
     assert not (tmp_path / "runs").exists()
 
 
