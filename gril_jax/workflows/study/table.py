@@ -253,6 +253,7 @@ def _of_variants(lines: Sequence[Line], names: Sequence[str]) -> list[Section]:
             ("success", "success in percent, deterministic actions", percent),
             ("sampled", "success in percent, sampled actions", percent),
             ("score", "score at the end, deterministic actions", mean_range),
+            ("worst", "mean score of the worst tenth of starts, deterministic", mean_range),
         )
     ]
 

@@ -115,9 +115,19 @@ def figures(on: Ground, policies: Any, rewards: Any = ()) -> tuple[dict[str, lis
         for field in ("success", "score"):
             values = np.asarray(getattr(means, field))[:, part].mean(axis=1)
             found[f"{field}_{name}"] = values.tolist()
+        found[f"worst_{name}"] = worst_tenth(np.asarray(means.score)[:, part]).tolist()
         values = np.asarray(sampled.success)[:, part].mean(axis=1)
         found[f"sampled_{name}"] = values.tolist()
     return found, means
+
+
+def worst_tenth(score: Float[np.ndarray, "K E"]) -> Float[np.ndarray, "K"]:
+    """The mean score of each policy's worst tenth of episodes, rounded up: their CVaR.
+
+    >>> worst_tenth(np.array([[1.0, 0.0, 0.5] + [1.0] * 9])).tolist()
+    [0.25]
+    """
+    return np.sort(score, axis=1)[:, : -(-score.shape[1] // 10)].mean(axis=1)
 
 
 def _played(

@@ -73,7 +73,7 @@ def test_each_policy_is_played_with_the_reward_whose_gradient_it_observes(played
 
 def test_figures_are_of_every_variant_and_policy(played):
     found, _ = played[-1]
-    assert {name.partition("_")[0] for name in found} == {"success", "score", "sampled"}
+    assert {name.partition("_")[0] for name in found} == {"success", "score", "sampled", "worst"}
     names = variants.known("move_to_region")
     assert {name.partition("_")[2] for name in found} == {*names}
     assert all(
