@@ -140,9 +140,9 @@ def _taught(learned: LearnedReward, videos: Videos | None, source: Path) -> Scen
             "teaches a cost"
         )
     film_audit.require_same_classes(learned, shown.demo_set)
-    num_classes = len(learned.classes)
-    static, hyper = setup.pretrain_config(config, num_classes), setup.pretrain_hyper(config)
-    ends = pretrain.places(shown.batch("train"), num_classes, static)
+    classes, hyper = learned.classes, setup.pretrain_hyper(config)
+    static = setup.pretrain_config(config, len(classes), classes)
+    ends = pretrain.places(shown.batch("train"), len(classes), static)
     return lambda params, scene: due_rewards(ends, scene, **cost_options(hyper, static))
 
 

@@ -6,7 +6,7 @@ untrained reward. Where the demonstrations would be made first, resting boxes re
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -46,7 +46,8 @@ def _tell(config: RunConfig, verb: str, progress: Progress, echo: Callable[[str]
     if ENCODERS[config.encoder.kind].boxes:
         phase = progress.phase("timing the reward", total=_CALLS, unit="updates")
         begun, one = time.monotonic(), config.encoder.ensemble_size
-        static, hyper = setup.pretrain_config(config, classes), setup.pretrain_hyper(config)
+        static = setup.pretrain_config(config, len(classes), classes)
+        hyper = setup.pretrain_hyper(config)
         step = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
         state = pretrain.init(jax.random.key(0), demos, static)
         took = _seconds(begun, step, state, one * config.pretrain.steps / static.updates, phase)
@@ -81,14 +82,14 @@ def _seconds(
 
 def _demonstrations(
     config: RunConfig, env: Env | None, echo: Callable[[str], None]
-) -> tuple[DemoBatch, int]:
-    """The demonstrations, or scenes at rest in their stead, and the number of classes; told."""
+) -> tuple[DemoBatch, Sequence[str]]:
+    """The demonstrations, or scenes at rest in their stead, and the classes; told."""
     chosen = config.demos
     if chosen.path is not None:
         demo_set = load_demo_set(chosen.path)
         shown = ", ".join(demo_set.classes if env is None else env.classes)
         echo(f"demonstrations: {len(demo_set)} of {chosen.path}, of {shown}")
-        return demo_batch(demo_set), len(demo_set.classes)
+        return demo_batch(demo_set), demo_set.classes
     num, frames = chosen.num + chosen.num_validation, config.pretrain.num_frames
     expert = f"the expert of {config.env.shown_name}"
     echo(f"demonstrations: {num} of {expert} would be made first, which is not timed")
@@ -97,7 +98,7 @@ def _demonstrations(
     center, size = (jnp.repeat(x[:, None], frames, axis=1) for x in (seen.center, seen.size))
     present, length = jnp.ones(seen.label.shape, bool), jnp.full(num, frames, jnp.int32)
     resting = DemoBatch(center, size, seen.label, seen.is_robot, present, length)
-    return resting, len(env.classes)
+    return resting, env.classes
 
 
 def _policy(

@@ -142,8 +142,9 @@ def measured(
 
     Raises RunError if the reward is not finite somewhere.
     """
-    num_classes = len(demos.demo_set.classes)
-    static, hyper = setup.pretrain_config(config, num_classes), setup.pretrain_hyper(config)
+    classes = demos.demo_set.classes
+    num_classes, hyper = len(classes), setup.pretrain_hyper(config)
+    static = setup.pretrain_config(config, num_classes, classes)
     train, held = demos.batch("train"), demos.batch("validation")
     ends = pretrain.places(train, num_classes, static)
     bits = pretrain.activity_bits(held, hyper, static)

@@ -4,9 +4,11 @@ gril train CONFIG --rounds 3
 
 A policy finds the states that its reward overestimates. The next round's reward learns from them as
 hard negatives (`gril_jax.pretraining.hard_negatives`), and a new policy from that reward. No one
-looks at it, and neither the task's reward nor its success is used. Each round is a run of its own,
-in the folders `round-1`, `round-2` and so on. One that is cut off goes on with `gril train
---resume OUT/round-2`; the rounds after it are not made.
+looks at it, and neither the task's reward nor its success is used. Later rounds are not always
+better. So each policy is also judged by the videos: how many of its episodes end as they do.
+
+Each round is a run of its own, in the folders `round-1`, `round-2` and so on. One that is cut off
+goes on with `gril train --resume OUT/round-2`; the rounds after it are not made.
 """
 
 import dataclasses
@@ -17,10 +19,12 @@ from gril_jax.config import RunConfig
 from gril_jax.report import rates
 from gril_jax.report.headline import audit_sentence
 from gril_jax.runs import run_dir
+from gril_jax.runs.progress import Progress
 from gril_jax.runs.reading import read_results
 from gril_jax.safe_files import writing
 
 from . import train
+from .build import hard_negatives
 from .pretrain import Echo
 
 AT_MOST = 2  # earlier rounds that a reward learns from: the last ones
@@ -37,16 +41,21 @@ def main(config: RunConfig, *, rounds: int, echo: Echo = print) -> Path:
         run = dataclasses.replace(config.run, out=str(out / f"round-{number}"))
         own = dataclasses.replace(config, run=run)
         done.append(train.main(own, hard_negatives=done[-AT_MOST:], echo=echo))
-    echo("\n" + "\n".join(table(done)))
+    with Progress() as progress:
+        ends = [hard_negatives.ends_as_videos(folder, progress) for folder in done]
+    best = ends.index(max(ends))
+    echo("\n" + "\n".join(table(done, ends)))
+    echo(f"most often like the videos ends the policy of round {best + 1}: {done[best]}")
     return out
 
 
-def table(runs: Sequence[Path]) -> list[str]:
-    """A line for each round: its success, its audit and its hard negatives."""
+def table(runs: Sequence[Path], ends: Sequence[float]) -> list[str]:
+    """A line for each round: its success, its episodes that end as videos do, its audit and its
+    hard negatives."""
     lines = []
-    for number, folder in enumerate(runs, 1):
+    for number, (folder, share) in enumerate(zip(runs, ends, strict=True), 1):
         results = read_results(folder)
-        said = [rates.sentences(results)[0]]
+        said = [rates.sentences(results)[0], f"{share:.1%} of episodes end as the videos do"]
         if "audit" in results:
             said.append(audit_sentence(results).partition(" (")[0])
         if taught := results.get("hard_negatives"):

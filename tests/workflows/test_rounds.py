@@ -1,5 +1,7 @@
 """Training in rounds: each reward learns from the policies before it."""
 
+import re
+
 import pytest
 from support import own_task
 
@@ -34,6 +36,10 @@ def test_each_round_is_a_run_that_learns_from_the_last_ones_before_it(folder, ca
         taught = results["hard_negatives"]
         assert (f"{taught} states of earlier policies" in line) == (taught > 0)
         assert taught > 0 or not before
+    shares = [float(x) for x in re.findall(r"([\d.]+)% of episodes end as the videos do", said)]
+    assert len(shares) == 3
+    best = shares.index(max(shares)) + 1
+    assert f"most often like the videos ends the policy of round {best}: run/round-{best}" in said
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from gril_jax import reward
 from gril_jax.audit.scene_reward import Scene
@@ -34,10 +35,11 @@ from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import new_file, writing
 from gril_jax.types import DemoBatch
 
-from . import policy_setup, setup
+from . import demonstrations, policy_setup, setup
 
 _FILE = "hard_negatives.npz"
 _EACH = 256  # scenes of each run; a batch of eight videos samples 64
+_DONE = 0.25  # of the cost of a beginning, about
 
 Echo = Callable[[str], None]
 
@@ -118,39 +120,69 @@ def gather_once(
     return _read(run.path / _FILE, run.finished_phase("hard_negatives"))
 
 
+def ends_as_videos(folder: Path, progress: Progress) -> float:
+    """The share of a policy's episodes, with deterministic actions, that end as its videos do.
+
+    The last frame costs at most `_DONE` more than that of the median video: neither the task's
+    success nor the learned reward is asked."""
+    earlier = load(folder)
+    config = earlier.config
+    source = Path(config.demos.path or folder / "demos")
+    demos = demonstrations.chosen(config, setup.task_of(config.env), source).batch("train")
+    played = _play(earlier, progress, sampled=(False,))
+    classes = earlier.algorithm.episodes.env.classes
+
+    def ends(episodes):
+        due = _due(episodes, config, demos, classes, touch=0.0)[1]
+        return jnp.take_along_axis(due, episodes.length[:, None] - 1, axis=1)
+
+    return float(jnp.mean(ends(played) >= jnp.median(ends(demos)) - _DONE))
+
+
 def _overestimated(
     earlier: EarlierPolicy, config: RunConfig, demos: DemoBatch, progress: Progress
 ) -> Scene:
     """The chosen scenes of one run on the host, leaves (K, N, ...)."""
-    num_classes = len(earlier.algorithm.episodes.env.classes)
+    classes = earlier.algorithm.episodes.env.classes
     played = _play(earlier, progress)
-    own = setup.pretrain_hyper(earlier.config), setup.pretrain_config(earlier.config, num_classes)
-    hyper, static = setup.pretrain_hyper(config), setup.pretrain_config(config, num_classes)
+    own = setup.pretrain_hyper(earlier.config), setup.pretrain_config(earlier.config, len(classes))
     latents = pretrain.embed(earlier.learned.encoder, played, *own)
     paid = reward.latent_reward(earlier.learned, latents)
-    places = jax.jit(pretrain.places, static_argnums=1)(demos, num_classes, static)
-    still = played.label[:, None], played.is_robot[:, None]
-    label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
-    bits = pretrain.activity_bits(played, hyper, static)
-    scenes = Scene(played.center, played.size, label, is_robot, bits)
-    due = due_rewards(places, scenes, **cost_options(hyper, static))
+    scenes, due = _due(played, config, demos, classes)
     chosen = choose(scenes, paid, due, num=_EACH)
     known = np.asarray(chosen.known)
     return jax.tree.map(lambda x: np.asarray(x)[known], chosen.scenes)
 
 
-def _play(earlier: EarlierPolicy, progress: Progress) -> DemoBatch:
-    """Episodes as if they were videos: half with deterministic actions, half with sampled ones."""
+def _due(
+    played: DemoBatch, config: RunConfig, demos: DemoBatch, classes: Sequence[str], **costs: float
+) -> tuple[Scene, Float[Array, "E T"]]:
+    """The scenes of episodes, leaves (E, T, N, ...), and minus the cost of what each lacks."""
+    hyper = setup.pretrain_hyper(config)
+    static = setup.pretrain_config(config, len(classes), classes)
+    places = jax.jit(pretrain.places, static_argnums=1)(demos, len(classes), static)
+    still = played.label[:, None], played.is_robot[:, None]
+    label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
+    bits = pretrain.activity_bits(played, hyper, static)
+    scenes = Scene(played.center, played.size, label, is_robot, bits)
+    return scenes, due_rewards(places, scenes, **cost_options(hyper, static) | costs)
+
+
+def _play(
+    earlier: EarlierPolicy, progress: Progress, *, sampled: Sequence[bool] = (False, True)
+) -> DemoBatch:
+    """Episodes as if they were videos, with deterministic actions, then with sampled ones."""
     episodes = earlier.config.run.eval_episodes
-    phase = progress.phase("playing an earlier policy", total=2 * episodes, unit="episodes")
+    total = len(sampled) * episodes
+    phase = progress.phase("playing an earlier policy", total=total, unit="episodes")
     key = jax.random.fold_in(jax.random.key(earlier.config.run.seed), 3)
     parts = []
-    for sampled in (False, True):
-        key_begin, key_act = jax.random.split(jax.random.fold_in(key, sampled))
+    for drawn in sampled:
+        key_begin, key_act = jax.random.split(jax.random.fold_in(key, drawn))
         found = evaluate(
             earlier.algorithm, earlier.policy, earlier.policy_reward,
             begin(earlier.algorithm.episodes, key_begin, episodes=episodes), key_act,
-            tau=earlier.config.pool.tau, deterministic=jnp.asarray(not sampled),
+            tau=earlier.config.pool.tau, deterministic=jnp.asarray(not drawn),
         )  # fmt: skip
         parts.append(jax.block_until_ready(found.states.objects))
         phase.update(episodes * len(parts))

@@ -24,6 +24,7 @@ from gril_jax.runs import reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import hard_negatives, policy_setup, setup
+from gril_jax.workflows.study.recipe import changed
 
 CONFIG = RunConfig(
     encoder=EncoderOptions(width=4, rounds=0, latent=2),
@@ -64,6 +65,32 @@ def _demos():
         present=jnp.ones((4, 3), bool),
         length=jnp.full(4, 10),
     )
+
+
+CLASSES = ("red region", "robot", "red square")
+
+
+@pytest.mark.parametrize("goal_model", ["places", "inside", "arrangement"])
+def test_ends_of_videos_lack_nothing_and_beginnings_do(goal_model):
+    config = changed(CONFIG, {"loss.goal_model": goal_model})
+    scenes, due = hard_negatives._due(_demos(), config, _demos(), CLASSES, touch=0.0)
+    assert scenes.center.shape == (4, 10, 3, 2)
+    assert (due[:, -1] >= -0.25).all()  # at the edge of a place without extent
+    assert (due[:, 0] < -0.7).all()
+
+
+def test_an_episode_ends_as_videos_do_if_its_last_frame_lacks_little(monkeypatch):
+    shown = _demos()
+    idle = shown._replace(center=shown.center.at[:3, -1].set(shown.center[:3, 0]))
+    task = types.SimpleNamespace(episodes=types.SimpleNamespace(env=Probe))
+    policy = _trained_as(CONFIG)._replace(algorithm=task)
+    monkeypatch.setattr(Probe, "classes", CLASSES)
+    monkeypatch.setattr(hard_negatives, "load", lambda folder: policy)
+    monkeypatch.setattr(hard_negatives, "_play", lambda *a, sampled: idle)
+    made = types.SimpleNamespace(batch=lambda split: shown)
+    monkeypatch.setattr(hard_negatives.demonstrations, "chosen", lambda *a: made)
+    with Progress(shown=False) as progress:
+        assert hard_negatives.ends_as_videos(Path("run"), progress) == 0.25
 
 
 @pytest.fixture(scope="module")
