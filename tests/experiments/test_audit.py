@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.audit_findings_made import findings
 from support.kinematic_demos import kinematic_demos
 from support.run_folders import save_run
 
@@ -142,13 +143,16 @@ def _shown(batch, perturbations=1):
     return config, Made(DemoSet((), "", CLASSES, 1.0, 8.0, "made"), {}, 0)
 
 
+def _last(batch):
+    """The scene that the first video ends with."""
+    still = batch.label[0], batch.is_robot[0], jnp.ones(4, bool)
+    return Scene(batch.center[0, -1], batch.size[0, -1], *still)
+
+
 def test_what_is_taught_is_0_at_the_ends_of_videos_and_minus_the_cost_elsewhere():
     batch = jax.tree.map(jnp.asarray, kinematic_demos(0, 6, num_objects=4))
     pay = audit._taught(LearnedReward(_params(), CONFIG, CLASSES), _shown(batch), Path("run"))
-    last = Scene(
-        batch.center[0, -1], batch.size[0, -1], batch.label[0], batch.is_robot[0],
-        jnp.ones(4, bool),
-    )  # fmt: skip
+    last = _last(batch)
     aside = [last._replace(center=last.center.at[i].add(3.0)) for i in range(4)]
     assert float(pay(None, last)) == pytest.approx(0, abs=0.1)
     assert min(float(pay(None, scene)) for scene in aside) < -0.4
@@ -162,6 +166,30 @@ def test_only_a_run_with_perturbed_frames_says_what_it_was_taught(tmp_path):
         audit._taught(learned, None, Path("run"))
     with pytest.raises(ConfigError, match="num_perturbations of run is 0, but must be above 0"):
         audit._taught(learned, _shown(None, 0), Path("run"))
+
+
+def test_with_taught_a_run_is_audited_by_what_its_videos_teach(tmp_path, monkeypatch):
+    batch = jax.tree.map(jnp.asarray, kinematic_demos(0, 6, num_objects=4))
+    config, shown = _shown(batch)
+    learned, asked = LearnedReward(_params(), CONFIG, CLASSES), []
+    (tmp_path / "demos").mkdir()
+    (tmp_path / "demos" / "demos.json").touch()
+    monkeypatch.setattr(audit.run_dir, "read_config", lambda *a, **k: config)
+    monkeypatch.setattr(audit.export_reward, "of_run", lambda folder: learned)
+    monkeypatch.setattr(audit.demonstrations, "chosen", lambda *a: shown)
+    monkeypatch.setattr(audit, "_searched", lambda *a: (asked.append(a[-1]), (findings(), {}))[1])
+    usual = tmp_path, None, None, None, 1
+    for taught in (False, True):
+        *_, about = audit._of_run(*usual, ascents=1, seed=0, taught=taught)
+        assert about["taught"] == taught
+    assert asked[0] is None
+
+    def pay(params, scene):
+        raise KeyError("asked in place of the reward")
+
+    with pytest.raises(KeyError, match="asked in place"):
+        audit.search(learned.for_objects(OBJECTS), audit.env_of(learned, None), "mine", pay=pay)
+    assert float(asked[1](None, _last(batch))) == pytest.approx(0, abs=0.1)
 
 
 # --- a whole audit

@@ -276,12 +276,12 @@ def _made(
     return work
 
 
-def _told(plan: Any, films: str | None, said: Sequence[str]) -> int:
+def _told(plan: Any, videos: str | None, said: Sequence[str]) -> int:
     with heavy_imports(plan.config, devices=True):
         from gril_jax.workflows.study import dry_run
     for sentence in said:
         echo(sentence)
-    return dry_run.main(plan, films, echo)
+    return dry_run.main(plan, videos, echo)
 
 
 VERBS = {

@@ -217,11 +217,11 @@ _FOLDERS = {"match_regions_magical": "match-regions"}  # of videos, where not by
 _KINDS = "*.pkl.gz", "*.mp4"
 
 
-def make_sets(configs: Iterable[RunConfig], films: str | None, echo: Echo) -> None:
+def make_sets(configs: Iterable[RunConfig], videos: str | None, echo: Echo) -> None:
     """Makes missing demonstration sets from a folder with a folder of videos for each task.
 
     Raises DemoError, before any set is made, if videos are missing."""
-    for out, (task, folder) in missing_sets(configs, films).items():
+    for out, (task, folder) in missing_sets(configs, videos).items():
         echo(f"finding the objects in the videos of {folder}")
         out.parent.mkdir(parents=True, exist_ok=True)
         pickles = next(folder.glob(_KINDS[0]), None) is not None
@@ -229,14 +229,14 @@ def make_sets(configs: Iterable[RunConfig], films: str | None, echo: Echo) -> No
         import_videos(folder, out, task=task, **how)
 
 
-def missing_sets(configs: Iterable[RunConfig], films: str | None) -> dict[Path, tuple[str, Path]]:
+def missing_sets(configs: Iterable[RunConfig], videos: str | None) -> dict[Path, tuple[str, Path]]:
     """The demonstration sets to be made, each with its task and the folder of its videos; DemoError
     if videos are missing."""
     sets = {c.demos.path: c.env.name for c in configs if c.demos.path is not None}
     missing = {
         Path(out): task for out, task in sets.items() if not (Path(out) / "demos.json").is_file()
     }
-    return {out: (task, _films_of(films, task, out)) for out, task in missing.items()}
+    return {out: (task, _films_of(videos, task, out)) for out, task in missing.items()}
 
 
 def _films_of(films: str | None, task: str, out: Path) -> Path:

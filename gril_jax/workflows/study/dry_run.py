@@ -10,11 +10,11 @@ from . import driver
 from .saved import Plan, learns
 
 
-def main(plan: Plan, films: str | None, echo: Callable[[str], None] = print) -> int:
+def main(plan: Plan, videos: str | None, echo: Callable[[str], None] = print) -> int:
     """Says it row by row, and writes nothing. Errors are those of `driver.make_sets` and
     `driver.make`; a demonstration set that would be made first is one, too."""
     rows = plan.runs
-    for out in driver.missing_sets([plan.rows[name] for name in plan.work], films):
+    for out in driver.missing_sets([plan.rows[name] for name in plan.work], videos):
         raise DemoError(
             f"{out} would be made first, but a dry run makes no demonstration set: leave out "
             "--dry-run, or name the sets that there are with --sets"

@@ -82,7 +82,7 @@ def test_success_ends_it_at_once_and_counts_for_good():
     assert stopping.is_over(_watched(np.stack([later, also], 1)))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(3))
 def test_noise_alone_neither_ends_a_rise_nor_prolongs_a_plateau_for_long(seed):
     rng = np.random.default_rng(seed)
     rise = np.linspace(0.02, 0.9, 30)
