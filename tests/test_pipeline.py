@@ -185,6 +185,7 @@ def test_evaluation_and_report_work_from_a_copy_of_the_folder_alone(run, tmp_pat
         "success at some time",
     ]  # fmt: skip
     assert all("of 2 Layout starts" in line for line in said[:3])
+    assert any(f"videos do: {numbers['ends_as_videos']:.1%} of these" in line for line in said)
     assert main.main(["report", str(copy)]) == 0
     assert (copy / "report.html").stat().st_size > 100_000
 

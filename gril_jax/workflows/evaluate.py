@@ -26,7 +26,7 @@ from gril_jax.rl.training import Algorithm
 from gril_jax.runs import run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import writing
-from gril_jax.workflows.build import filming, policy_rewards, policy_setup, setup
+from gril_jax.workflows.build import filming, policy_rewards, policy_setup, setup, video_ends
 from gril_jax.workflows.build.starts import Group, draw, evaluated_from, with_first
 
 
@@ -81,6 +81,11 @@ def main(
     about = {name: float(getattr(means, name)[:episodes].mean()) for name in ("score", "reward")}
     numbers = "  ".join(f"{name} {value:.4f}" for name, value in about.items())
     echo(f"{numbers}  (means over the same episodes with deterministic actions)")
+    played = jax.tree.map(lambda x: x[:episodes], means.states.objects)
+    ends = video_ends.of_run(folder, config, played)
+    if ends is not None:
+        echo(f"ends as its videos do: {ends:.1%} of these episodes, by their boxes alone")
+        found["ends_as_videos"] = ends
     if film:
         path = folder / "eval.mp4"
         with writing(folder):

@@ -19,12 +19,10 @@ from gril_jax.config import RunConfig
 from gril_jax.report import rates
 from gril_jax.report.headline import audit_sentence
 from gril_jax.runs import run_dir
-from gril_jax.runs.progress import Progress
 from gril_jax.runs.reading import read_results
 from gril_jax.safe_files import writing
 
-from . import train
-from .build import hard_negatives
+from . import evaluate, train
 from .pretrain import Echo
 
 AT_MOST = 2  # earlier rounds that a reward learns from: the last ones
@@ -41,8 +39,8 @@ def main(config: RunConfig, *, rounds: int, echo: Echo = print) -> Path:
         run = dataclasses.replace(config.run, out=str(out / f"round-{number}"))
         own = dataclasses.replace(config, run=run)
         done.append(train.main(own, hard_negatives=done[-AT_MOST:], echo=echo))
-    with Progress() as progress:
-        ends = [hard_negatives.ends_as_videos(folder, progress) for folder in done]
+    count = config.run.eval_episodes
+    ends = [evaluate.main(x, episodes=count, echo=_silent)["ends_as_videos"] for x in done]
     best = ends.index(max(ends))
     echo("\n" + "\n".join(table(done, ends)))
     echo(f"most often like the videos ends the policy of round {best + 1}: {done[best]}")
@@ -62,3 +60,7 @@ def table(runs: Sequence[Path], ends: Sequence[float]) -> list[str]:
             said.append(f"{taught} states of earlier policies as hard negatives")
         lines.append(f"round {number}: {'; '.join(said)}")
     return lines
+
+
+def _silent(line: str) -> None:
+    """Says nothing: a round has printed its success."""

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 from gril_jax.envs import Objects, State
 from jaxtyping import Array, Float, Int
 
+from gril_jax.types import DemoBatch
+
 
 class Data(NamedTuple):
     """Memory of the probe."""
@@ -100,3 +102,17 @@ class Probe:
             done=done,
             metrics={"score": data.time.astype(jnp.float32) / 10, "success": fits},
         )
+
+
+def carried() -> DemoBatch:
+    """Four videos of the probe's objects, in which its block is carried to the goal."""
+    begun = jnp.array([[0.5, 0.5], [-0.5, 0.0], [0.0, 0.0]])
+    path = jnp.linspace(begun, jnp.array([[0.5, 0.5], [0.3, 0.4], [0.5, 0.5]]), 10)
+    return DemoBatch(
+        center=jnp.tile(path, (4, 1, 1, 1)),
+        size=jnp.full((4, 10, 3, 2), 0.2),
+        label=jnp.tile(jnp.arange(3), (4, 1)),
+        is_robot=jnp.tile(jnp.arange(3) == 1, (4, 1)),
+        present=jnp.ones((4, 3), bool),
+        length=jnp.full(4, 10),
+    )

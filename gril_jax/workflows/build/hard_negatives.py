@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from gril_jax import reward
 from gril_jax.audit.scene_reward import Scene
@@ -24,8 +23,7 @@ from gril_jax.config.tables import ALIGNMENTS
 from gril_jax.demos import schema
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.pretraining import pretrain
-from gril_jax.pretraining.contrast import cost_options
-from gril_jax.pretraining.hard_negatives import choose, due_rewards
+from gril_jax.pretraining.hard_negatives import choose
 from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl.evaluate import begin, evaluate
 from gril_jax.rl.policy import Policy
@@ -35,11 +33,10 @@ from gril_jax.runs.progress import Progress
 from gril_jax.safe_files import new_file, writing
 from gril_jax.types import DemoBatch
 
-from . import demonstrations, policy_setup, setup
+from . import policy_setup, setup, video_ends
 
 _FILE = "hard_negatives.npz"
 _EACH = 256  # scenes of each run; a batch of eight videos samples 64
-_DONE = 0.25  # of the cost of a beginning, about
 
 Echo = Callable[[str], None]
 
@@ -120,25 +117,6 @@ def gather_once(
     return _read(run.path / _FILE, run.finished_phase("hard_negatives"))
 
 
-def ends_as_videos(folder: Path, progress: Progress) -> float:
-    """The share of a policy's episodes, with deterministic actions, that end as its videos do.
-
-    The last frame costs at most `_DONE` more than that of the median video: neither the task's
-    success nor the learned reward is asked."""
-    earlier = load(folder)
-    config = earlier.config
-    source = Path(config.demos.path or folder / "demos")
-    demos = demonstrations.chosen(config, setup.task_of(config.env), source).batch("train")
-    played = _play(earlier, progress, sampled=(False,))
-    classes = earlier.algorithm.episodes.env.classes
-
-    def ends(episodes):
-        due = _due(episodes, config, demos, classes, touch=0.0)[1]
-        return jnp.take_along_axis(due, episodes.length[:, None] - 1, axis=1)
-
-    return float(jnp.mean(ends(played) >= jnp.median(ends(demos)) - _DONE))
-
-
 def _overestimated(
     earlier: EarlierPolicy, config: RunConfig, demos: DemoBatch, progress: Progress
 ) -> Scene:
@@ -148,36 +126,19 @@ def _overestimated(
     own = setup.pretrain_hyper(earlier.config), setup.pretrain_config(earlier.config, len(classes))
     latents = pretrain.embed(earlier.learned.encoder, played, *own)
     paid = reward.latent_reward(earlier.learned, latents)
-    scenes, due = _due(played, config, demos, classes)
+    scenes, due = video_ends.owed(played, config, demos, classes)
     chosen = choose(scenes, paid, due, num=_EACH)
     known = np.asarray(chosen.known)
     return jax.tree.map(lambda x: np.asarray(x)[known], chosen.scenes)
 
 
-def _due(
-    played: DemoBatch, config: RunConfig, demos: DemoBatch, classes: Sequence[str], **costs: float
-) -> tuple[Scene, Float[Array, "E T"]]:
-    """The scenes of episodes, leaves (E, T, N, ...), and minus the cost of what each lacks."""
-    hyper = setup.pretrain_hyper(config)
-    static = setup.pretrain_config(config, len(classes), classes)
-    places = jax.jit(pretrain.places, static_argnums=1)(demos, len(classes), static)
-    still = played.label[:, None], played.is_robot[:, None]
-    label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)
-    bits = pretrain.activity_bits(played, hyper, static)
-    scenes = Scene(played.center, played.size, label, is_robot, bits)
-    return scenes, due_rewards(places, scenes, **cost_options(hyper, static) | costs)
-
-
-def _play(
-    earlier: EarlierPolicy, progress: Progress, *, sampled: Sequence[bool] = (False, True)
-) -> DemoBatch:
+def _play(earlier: EarlierPolicy, progress: Progress) -> DemoBatch:
     """Episodes as if they were videos, with deterministic actions, then with sampled ones."""
     episodes = earlier.config.run.eval_episodes
-    total = len(sampled) * episodes
-    phase = progress.phase("playing an earlier policy", total=total, unit="episodes")
+    phase = progress.phase("playing an earlier policy", total=2 * episodes, unit="episodes")
     key = jax.random.fold_in(jax.random.key(earlier.config.run.seed), 3)
     parts = []
-    for drawn in sampled:
+    for drawn in (False, True):
         key_begin, key_act = jax.random.split(jax.random.fold_in(key, drawn))
         found = evaluate(
             earlier.algorithm, earlier.policy, earlier.policy_reward,
@@ -186,10 +147,7 @@ def _play(
         )  # fmt: skip
         parts.append(jax.block_until_ready(found.states.objects))
         phase.update(episodes * len(parts))
-    seen = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
-    label, is_robot = seen.label[:, 0], seen.is_robot[:, 0]
-    length = jnp.full(len(label), seen.center.shape[1], jnp.int32)
-    return DemoBatch(seen.center, seen.size, label, is_robot, jnp.ones_like(is_robot), length)
+    return video_ends.as_videos(jax.tree.map(lambda *x: jnp.concatenate(x), *parts))
 
 
 def _read(file: Path, saved: dict[str, Any]) -> Scene | None:

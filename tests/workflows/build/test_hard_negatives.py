@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.probes import Probe
+from support.probes import Probe, carried
 
 from gril_jax.audit.scene_reward import Scene
 from gril_jax.cli import arguments
@@ -22,18 +22,13 @@ from gril_jax.reward.latent_goal import RewardParams
 from gril_jax.rl.policy import Policy
 from gril_jax.runs import reading, run_dir
 from gril_jax.runs.progress import Progress
-from gril_jax.types import DemoBatch
 from gril_jax.workflows.build import hard_negatives, policy_setup, setup
-from gril_jax.workflows.study.recipe import changed
 
 CONFIG = RunConfig(
     encoder=EncoderOptions(width=4, rounds=0, latent=2),
     ppo=PPOConfig(num_envs=4, hidden=(4,)),
     run=RunSettings(eval_episodes=3),
 )
-
-
-PROBE = jnp.array([[0.5, 0.5], [-0.5, 0.0], [0.0, 0.0]])  # where its episodes begin
 
 
 def test_a_reward_of_pictures_learns_from_no_policy(tmp_path):
@@ -51,46 +46,6 @@ def test_a_reward_of_pictures_learns_from_no_policy(tmp_path):
 
 def _trained_as(config):
     return hard_negatives.EarlierPolicy(Path("gone"), config, None, None, None, None)
-
-
-def _demos():
-    """Of the probe's classes: four times its block is carried to the region."""
-    end = jnp.array([[0.5, 0.5], [0.3, 0.4], [0.5, 0.5]])
-    path = jnp.linspace(PROBE, end, 10)
-    return DemoBatch(
-        center=jnp.tile(path, (4, 1, 1, 1)),
-        size=jnp.full((4, 10, 3, 2), 0.2),
-        label=jnp.tile(jnp.arange(3), (4, 1)),
-        is_robot=jnp.tile(jnp.arange(3) == 1, (4, 1)),
-        present=jnp.ones((4, 3), bool),
-        length=jnp.full(4, 10),
-    )
-
-
-CLASSES = ("red region", "robot", "red square")
-
-
-@pytest.mark.parametrize("goal_model", ["places", "inside", "arrangement"])
-def test_ends_of_videos_lack_nothing_and_beginnings_do(goal_model):
-    config = changed(CONFIG, {"loss.goal_model": goal_model})
-    scenes, due = hard_negatives._due(_demos(), config, _demos(), CLASSES, touch=0.0)
-    assert scenes.center.shape == (4, 10, 3, 2)
-    assert (due[:, -1] >= -0.25).all()  # at the edge of a place without extent
-    assert (due[:, 0] < -0.7).all()
-
-
-def test_an_episode_ends_as_videos_do_if_its_last_frame_lacks_little(monkeypatch):
-    shown = _demos()
-    idle = shown._replace(center=shown.center.at[:3, -1].set(shown.center[:3, 0]))
-    task = types.SimpleNamespace(episodes=types.SimpleNamespace(env=Probe))
-    policy = _trained_as(CONFIG)._replace(algorithm=task)
-    monkeypatch.setattr(Probe, "classes", CLASSES)
-    monkeypatch.setattr(hard_negatives, "load", lambda folder: policy)
-    monkeypatch.setattr(hard_negatives, "_play", lambda *a, sampled: idle)
-    made = types.SimpleNamespace(batch=lambda split: shown)
-    monkeypatch.setattr(hard_negatives.demonstrations, "chosen", lambda *a: made)
-    with Progress(shown=False) as progress:
-        assert hard_negatives.ends_as_videos(Path("run"), progress) == 0.25
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +75,7 @@ def begin(tmp_path):
 
 def _gather(policies, run, said=None):
     echo = (lambda line: None) if said is None else said.append
-    return hard_negatives.gather_once(policies, CONFIG, _demos(), run, Progress(), echo=echo)
+    return hard_negatives.gather_once(policies, CONFIG, carried(), run, Progress(), echo=echo)
 
 
 @pytest.mark.slow
