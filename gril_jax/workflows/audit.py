@@ -141,7 +141,7 @@ def _taught(learned: LearnedReward, videos: Videos | None, source: Path) -> Scen
         )
     film_audit.require_same_classes(learned, shown.demo_set)
     classes, hyper = learned.classes, setup.pretrain_hyper(config)
-    static = setup.pretrain_config(config, len(classes), classes)
+    static = setup.pretrain_config(config, classes)
     ends = pretrain.places(shown.batch("train"), len(classes), static)
     return lambda params, scene: due_rewards(ends, scene, **cost_options(hyper, static))
 

@@ -46,7 +46,7 @@ def _tell(config: RunConfig, verb: str, progress: Progress, echo: Callable[[str]
     if ENCODERS[config.encoder.kind].boxes:
         phase = progress.phase("timing the reward", total=_CALLS, unit="updates")
         begun, one = time.monotonic(), config.encoder.ensemble_size
-        static = setup.pretrain_config(config, len(classes), classes)
+        static = setup.pretrain_config(config, classes)
         hyper = setup.pretrain_hyper(config)
         step = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
         state = pretrain.init(jax.random.key(0), demos, static)

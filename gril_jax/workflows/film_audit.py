@@ -144,7 +144,7 @@ def measured(
     """
     classes = demos.demo_set.classes
     num_classes, hyper = len(classes), setup.pretrain_hyper(config)
-    static = setup.pretrain_config(config, num_classes, classes)
+    static = setup.pretrain_config(config, classes)
     train, held = demos.batch("train"), demos.batch("validation")
     ends = pretrain.places(train, num_classes, static)
     bits = pretrain.activity_bits(held, hyper, static)

@@ -123,7 +123,7 @@ def _overestimated(
     """The chosen scenes of one run on the host, leaves (K, N, ...)."""
     classes = earlier.algorithm.episodes.env.classes
     played = _play(earlier, progress)
-    own = setup.pretrain_hyper(earlier.config), setup.pretrain_config(earlier.config, len(classes))
+    own = setup.pretrain_hyper(earlier.config), setup.embedding_config(earlier.config, len(classes))
     latents = pretrain.embed(earlier.learned.encoder, played, *own)
     paid = reward.latent_reward(earlier.learned, latents)
     scenes, due = video_ends.owed(played, config, demos, classes)

@@ -44,7 +44,7 @@ class Learner(NamedTuple):
 def static_config(config: RunConfig, num_classes: int) -> Static | PixelStatic:
     """The static options of the encoder training in the configuration."""
     if ENCODERS[config.encoder.kind].boxes:
-        return setup.pretrain_config(config, num_classes)
+        return setup.embedding_config(config, num_classes)
     return setup.pixel_pretrain_config(config)
 
 
@@ -62,7 +62,7 @@ def learner(
 
 def _of_boxes(config, demos, pool) -> Learner:
     classes = demos.demo_set.classes
-    static = setup.pretrain_config(config, len(classes), classes)
+    static = setup.pretrain_config(config, classes)
     init, step = _of_members(static)
 
     def learned(state, data, hyper):

@@ -206,7 +206,7 @@ def _of_shaped(config, learned, demos, num_classes):
 
 def _agreed(config: RunConfig, learned: RewardParams, demos: DemoBatch, num_classes: int):
     """The ends of stages on which the demonstrations agree."""
-    static = setup.pretrain_config(config, num_classes)
+    static = setup.embedding_config(config, num_classes)
     hyper = setup.pretrain_hyper(config)
 
     @jax.jit

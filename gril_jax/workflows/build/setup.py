@@ -130,16 +130,19 @@ def by_name(kind: type[Kind], *sections: Any, **more: Any) -> Kind:
     return kind(**{name: known[name] for name in names if name in known})
 
 
-def pretrain_config(
-    config: RunConfig, num_classes: int, classes: Sequence[str] = ()
-) -> pretrain.Static:
-    """The static options of training on boxes; `updates` is one call's share of all steps. Where
-    ends count by arrangements, training needs the class names, too."""
+def pretrain_config(config: RunConfig, classes: Sequence[str]) -> pretrain.Static:
+    """The static options of training on boxes of these classes; `updates` is one call's share of
+    all steps."""
+    return dataclasses.replace(embedding_config(config, len(classes)), words=words_of(classes))
+
+
+def embedding_config(config: RunConfig, num_classes: int) -> pretrain.Static:
+    """Those of embedding alone, which does not ask what the classes are called."""
     require_boxes(config, "training on boxes")
     return by_name(
         pretrain.Static, config.loss, config.pool, config.pretrain,
         encoder=encoder_config(config, num_classes), updates=_updates(config),
-        words=words_of(classes), **config.pool.rule(),
+        **config.pool.rule(),
     )  # fmt: skip
 
 

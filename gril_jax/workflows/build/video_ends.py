@@ -69,7 +69,7 @@ def owed(
     """The scenes of episodes, leaves (E, T, N, ...), and the reward that each should have: minus
     the cost of what it lacks."""
     hyper = setup.pretrain_hyper(config)
-    static = setup.pretrain_config(config, len(classes), classes)
+    static = setup.pretrain_config(config, classes)
     places = jax.jit(pretrain.places, static_argnums=1)(demos, len(classes), static)
     still = played.label[:, None], played.is_robot[:, None]
     label, is_robot = (jnp.broadcast_to(x, played.center.shape[:3]) for x in still)

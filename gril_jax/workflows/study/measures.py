@@ -156,7 +156,7 @@ class Profiles(Measure):
 
     def same(self, config):
         """The task, its demonstrations and the encoder's form."""
-        static = setup.pretrain_config(config, num_classes(config.env))
+        static = setup.embedding_config(config, num_classes(config.env))
         return set_key(config), static
 
     def lower(self, config, params):

@@ -69,7 +69,7 @@ def _made(batch):
 def test_profiles_are_those_of_each_encoder(batch, learned):
     one = measures.Profiles(lambda config: _made(batch))
     found = one.measure(one.compile(CONFIG, 2), CONFIG, learned)
-    static, hyper = setup.pretrain_config(CONFIG, 4), setup.pretrain_hyper(CONFIG)
+    static, hyper = setup.embedding_config(CONFIG, 4), setup.pretrain_hyper(CONFIG)
     latents = [pretrain.embed(one.params.encoder, batch, hyper, static) for one in learned]
     cycle = [float(two_way_cycle_consistency(x, batch.length)) for x in latents]
     np.testing.assert_allclose(found["cycle"], cycle, atol=1e-6)

@@ -34,7 +34,7 @@ def test_every_row_of_a_shipped_study_is_a_configuration_that_can_be_built(name)
     for row, config in rows.items():
         assert row == row.strip()
         if learns(config) and config.encoder.kind != "pixels":
-            setup.pretrain_config(config, 21 if name == "suite" else 7)
+            setup.embedding_config(config, 21 if name == "suite" else 7)
         if config.env.reward is not None:
             assert config.env.reward in registry.spec(config.env.name).rewards, row
     for of in made.published.values():
