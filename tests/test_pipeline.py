@@ -188,6 +188,10 @@ def test_evaluation_and_report_work_from_a_copy_of_the_folder_alone(run, tmp_pat
     assert any(f"videos do: {numbers['ends_as_videos']:.1%} of these" in line for line in said)
     assert main.main(["report", str(copy)]) == 0
     assert (copy / "report.html").stat().st_size > 100_000
+    (copy / "demos" / "demos.json").write_text("{}")
+    again = evaluate.main(copy, episodes=2, seed=3, echo=said.append)
+    assert again == {name: x for name, x in numbers.items() if name != "ends_as_videos"}
+    assert "how many end as its videos do is not known: " in said[-1]
 
 
 def test_a_run_without_policy_is_refused_in_one_sentence(run, tmp_path):

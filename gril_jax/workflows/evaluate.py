@@ -19,6 +19,7 @@ from gril_jax.config import RunConfig
 from gril_jax.demos.vision import video
 from gril_jax.envs import Env
 from gril_jax.envs.registry import Starts
+from gril_jax.errors import DemoError
 from gril_jax.report import rates
 from gril_jax.rl.evaluate import Evaluation, evaluate
 from gril_jax.rl.policy import Policy
@@ -81,17 +82,29 @@ def main(
     about = {name: float(getattr(means, name)[:episodes].mean()) for name in ("score", "reward")}
     numbers = "  ".join(f"{name} {value:.4f}" for name, value in about.items())
     echo(f"{numbers}  (means over the same episodes with deterministic actions)")
-    played = jax.tree.map(lambda x: x[:episodes], means.states.objects)
-    ends = video_ends.of_run(folder, config, played)
-    if ends is not None:
-        echo(f"ends as its videos do: {ends:.1%} of these episodes, by their boxes alone")
-        found["ends_as_videos"] = ends
+    found |= _beside_videos(folder, config, means, episodes, echo)
     if film:
         path = folder / "eval.mp4"
         with writing(folder):
             _film(env, means, reward_params, _shown(means, episodes), path)
         echo(f"video: {path} (the worst, the median and the best episode by return)")
     return found | about
+
+
+def _beside_videos(
+    folder: Path, config: RunConfig, means: Evaluation, episodes: int, echo: Callable[[str], None]
+) -> dict[str, float]:
+    """How many episodes end as the videos of the run do, where that can be told."""
+    played = jax.tree.map(lambda x: x[:episodes], means.states.objects)
+    try:
+        ends = video_ends.of_run(folder, config, played)
+    except DemoError as error:
+        echo(f"how many end as its videos do is not known: {error}")
+        return {}
+    if ends is None:
+        return {}
+    echo(f"ends as its videos do: {ends:.1%} of these episodes, by their boxes alone")
+    return {"ends_as_videos": ends}
 
 
 def rates_of(
