@@ -64,10 +64,11 @@ def parse(
     asked = {"-h", "--help"} & {*args}
     # Comments are the help, and to find them takes tyro as long as everything else.
     marks = (tyro.conf.FlagCreatePairsOff, *(() if asked else (tyro.conf.HelptextFromCommentsOff,)))
-    with events.on_parse_error(functools.partial(_refuse, options(schema))):
+    known = options(schema)
+    with events.on_parse_error(functools.partial(_refuse, known)):
         given = tyro.cli(
             schema,
-            args=[*args],
+            args=_capitalised(args, known),
             default=tyro.MISSING_NONPROP if default is None else default,
             config=marks,
             prog=prog,
@@ -97,6 +98,25 @@ def options(schema: type[Any], path: tuple[str, ...] = ()) -> dict[str, Option]:
             for word in (f"--{_spelt('.'.join((*path, last)))}", *((said and said.aliases) or ())):
                 found[word] = Option((*path, name), kind)
     return found
+
+
+def _capitalised(args: Sequence[str], known: dict[str, Option]) -> list[str]:
+    """The words with true and false, as YAML writes them, as Python does."""
+    written, found = {"true": "True", "false": "False"}, []
+    for before, word in zip(("", *args), args, strict=False):
+        option, equals, value = word.partition("=")
+        if _is_switch(option, known):
+            word = option + equals + written.get(value, value)
+        elif _is_switch(before, known):
+            word = written.get(word, word)
+        found.append(word)
+    return found
+
+
+def _is_switch(word: str, known: dict[str, Option]) -> bool:
+    """True for an option that is true or false."""
+    option = known.get(_spelt(word))
+    return option is not None and bool in (option.kind, *typing.get_args(option.kind))
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

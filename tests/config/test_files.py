@@ -50,6 +50,19 @@ def test_a_file_changes_what_it_names_and_nothing_else(write):
     assert config == dataclasses.replace(RunConfig(), pool=config.pool, loss=config.loss, env=env)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--encoder.robot", "true", "--ppo.observe-activity=false"],
+        ["--encoder.robot=True", "--ppo.observe_activity", "false"],
+    ],
+)
+def test_a_switch_is_written_as_in_yaml_or_in_python(words):
+    config = load("quickstart", [*words, "--run.out", "true"], prog="")
+    assert (config.encoder.robot, config.ppo.observe_activity) == (True, False)
+    assert config.run.out == "true"  # a folder of that name
+
+
 def test_the_command_line_counts_above_the_file_and_its_last_word_most(write):
     path = write("ppo:\n  num_envs: 32\n  unroll_length: 5\n")
     for args in (["--ppo.num-envs", "8", "--ppo.num_envs=16"], ["--ppo.num-envs=16"]):
