@@ -40,20 +40,25 @@ def main(config: RunConfig, *, rounds: int, echo: Echo = print) -> Path:
         own = dataclasses.replace(config, run=run)
         done.append(train.main(own, hard_negatives=done[-AT_MOST:], echo=echo))
     count = config.run.eval_episodes
-    ends = [evaluate.main(x, episodes=count, echo=_silent)["ends_as_videos"] for x in done]
-    best = ends.index(max(ends))
+    found = [evaluate.main(x, episodes=count, echo=_silent) for x in done]
+    ends = [one.get("ends_as_videos") for one in found]
     echo("\n" + "\n".join(table(done, ends)))
-    echo(f"most often like the videos ends the policy of round {best + 1}: {done[best]}")
+    shares = [share for share in ends if share is not None]
+    if shares:
+        best = ends.index(max(shares))
+        echo(f"most often like the videos ends the policy of round {best + 1}: {done[best]}")
     return out
 
 
-def table(runs: Sequence[Path], ends: Sequence[float]) -> list[str]:
-    """A line for each round: its success, its episodes that end as videos do, its audit and its
-    hard negatives."""
+def table(runs: Sequence[Path], ends: Sequence[float | None]) -> list[str]:
+    """A line for each round: its success, its episodes that end as videos do (None: not known), its
+    audit and its hard negatives."""
     lines = []
     for number, (folder, share) in enumerate(zip(runs, ends, strict=True), 1):
         results = read_results(folder)
-        said = [rates.sentences(results)[0], f"{share:.1%} of episodes end as the videos do"]
+        said = [rates.sentences(results)[0]]
+        if share is not None:
+            said.append(f"{share:.1%} of episodes end as the videos do")
         if "audit" in results:
             said.append(audit_sentence(results).partition(" (")[0])
         if taught := results.get("hard_negatives"):

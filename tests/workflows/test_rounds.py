@@ -1,11 +1,15 @@
 """Training in rounds: each reward learns from the policies before it."""
 
 import re
+import shutil
+from pathlib import Path
 
 import pytest
 from support import own_task
+from support.run_folders import save_run
 
 from gril_jax.cli import main
+from gril_jax.config import RunConfig, RunSettings
 from gril_jax.runs.reading import read_phases, read_results
 from gril_jax.workflows import rounds
 
@@ -40,6 +44,23 @@ def test_each_round_is_a_run_that_learns_from_the_last_ones_before_it(folder, ca
     assert len(shares) == 3
     best = shares.index(max(shares)) + 1
     assert f"most often like the videos ends the policy of round {best}: run/round-{best}" in said
+
+
+def test_rounds_that_the_videos_cannot_judge_have_no_name(tmp_path, monkeypatch):
+    """As in a variant with other objects: the rounds themselves are kept and told."""
+    config = RunConfig(run=RunSettings(out=str(tmp_path / "out")))
+    monkeypatch.setattr(
+        rounds.train,
+        "main",
+        lambda own, **_: save_run(Path(own.run.out), config=own) or own.run.out,
+    )
+    for found, named in (({}, False), ({"ends_as_videos": 0.5}, True)):
+        monkeypatch.setattr(rounds.evaluate, "main", lambda folder, found=found, **_: found)
+        said = []
+        rounds.main(config, rounds=2, echo=said.append)
+        assert "round 2: success with deterministic actions: 90.0%" in "".join(said)
+        assert any("policy of round 1" in line for line in said) == named  # the first of equals
+        shutil.rmtree(tmp_path / "out")
 
 
 @pytest.mark.parametrize(
