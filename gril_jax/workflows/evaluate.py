@@ -94,7 +94,7 @@ def main(
 def _beside_videos(
     folder: Path, config: RunConfig, means: Evaluation, episodes: int, echo: Callable[[str], None]
 ) -> dict[str, float]:
-    """How many episodes end as the videos of the run do, where that can be told."""
+    """The share of episodes that end as the videos of the run do, where that can be told."""
     played = jax.tree.map(lambda x: x[:episodes], means.states.objects)
     try:
         ends = video_ends.of_run(folder, config, played)

@@ -137,7 +137,7 @@ def pretrain_config(config: RunConfig, classes: Sequence[str]) -> pretrain.Stati
 
 
 def embedding_config(config: RunConfig, num_classes: int) -> pretrain.Static:
-    """Those of embedding alone, which does not ask what the classes are called."""
+    """The static options of embedding alone, which does not ask what the classes are called."""
     require_boxes(config, "training on boxes")
     return by_name(
         pretrain.Static, config.loss, config.pool, config.pretrain,

@@ -1,8 +1,8 @@
-"""How often a policy's episodes end as the demonstrations do.
+"""The share of a policy's episodes that end as the demonstrations do.
 
 This is a test of success from the videos alone: neither the task's own test nor the learned reward
-is asked, so it also shows a policy that exploits its reward. A frame lacks what its cost says, the
-one that perturbed frames teach. Episodes are read as if they were videos.
+is asked, so it also shows a policy that exploits its reward. A frame costs what it lacks, by the
+same measure as perturbed frames of the reward's training. Episodes are read as if they were videos.
 
 Shapes use E for episodes, T for frames and N for objects.
 """
@@ -51,9 +51,7 @@ def of_run(folder: Path, config: RunConfig, played: Objects) -> float | None:
     return share(as_videos(played), config, demos, env.classes)
 
 
-def share(
-    played: DemoBatch, config: RunConfig, demos: DemoBatch, classes: Sequence[str]
-) -> float:  # fmt: skip
+def share(played: DemoBatch, config: RunConfig, demos: DemoBatch, classes: Sequence[str]) -> float:
     """The share of episodes whose last frame costs little more than that of the median video."""
 
     def ends(videos: DemoBatch) -> Float[Array, "E"]:
