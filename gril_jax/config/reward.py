@@ -46,9 +46,6 @@ class LossConfig:
     """Fraction of an object's final places that is trimmed on each side."""
     touch: float = field(default=0.0, metadata=between(0, 1))
     """Fraction of an object's cost that vanishes once the object has moved."""
-    failure_margin: float = field(default=0.5, metadata=between(0, 2))
-    """Least distance from the goal at which failures that teach must end, in units of that at which
-    successes begin."""
     warmup: int = field(default=1500, metadata=at_least(0))
     """Gradient steps over which a term that aligns times directly fades out. 0 leaves it out."""
 
@@ -80,10 +77,6 @@ class PretrainConfig:
     rewind: float = field(default=0.0, metadata=between(0, 1))
     """Probability that a video of a batch ends with a part played backwards, as in ReWiND. What has
     moved by then still counts as moved."""
-
-    failures: float = field(default=0.0, metadata=between(0, 1))
-    """Share of the failures that teach: their last frames end at `loss.failure_margin` or further
-    from the goal. The others measure."""
 
     learning_rate = 1e-3  # of Adam
     num_frames = 32  # sampled from each video of a batch

@@ -238,7 +238,6 @@ def _check_consistency(config: RunConfig) -> None:
             "encoder.ensemble_size": (config.encoder.ensemble_size, 1),
             "loss.goals": (loss.goals, 1),
             "pretrain.num_perturbations": (config.pretrain.num_perturbations, 0),
-            "pretrain.failures": (config.pretrain.failures, 0),
         }
     if any(one.endswith(".warping") for one in chosen.losses):
         found = {"pretrain.rewind": (config.pretrain.rewind, 0)}
@@ -262,7 +261,6 @@ def _of_pictures(config: RunConfig) -> dict[str, tuple[Any, bool, str]]:
         ),
         "run.reward": (run.reward, form.pictures, with_pictures),
         "pretrain.rewind": (config.pretrain.rewind, config.pretrain.rewind == 0, "0"),
-        "pretrain.failures": (config.pretrain.failures, config.pretrain.failures == 0, "0"),
     }
 
 

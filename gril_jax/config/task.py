@@ -134,4 +134,4 @@ class DemosConfig:
     num_validation: int = field(default=8, metadata=at_least(1))
     """Demonstrations that are held out to measure the reward; of your own set a quarter at most."""
     num_failures: int = field(default=8, metadata=at_least(0))
-    """Scripted failures. They measure the reward, and train it only with pretrain.failures."""
+    """Scripted failures, which measure the reward and never train it."""

@@ -116,7 +116,6 @@ class Hyper(NamedTuple):
     near_cost_fraction: Number = LossConfig.near_cost_fraction
     intrusion_weight: Number = LossConfig.intrusion_weight
     touch: Number = LossConfig.touch
-    failure_margin: Number = LossConfig.failure_margin  # see `gril_jax.pretraining.failures`
     quartic_weight: Number = LossConfig.quartic_weight
     latent_scale: Number = LossConfig.latent_scale
     # Updates over which the learning rate falls linearly, and the fraction of it that is left.

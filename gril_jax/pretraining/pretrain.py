@@ -34,7 +34,6 @@ from gril_jax.types import DemoBatch
 
 from . import batch as pretrain_batch
 from . import contrast as pretrain_contrast
-from . import failures as pretrain_failures
 from . import loss as pretrain_loss
 from . import stages as pretrain_stages
 from .arrangement import arrangement
@@ -168,13 +167,11 @@ def step(
     config: Static,
     pool: Scene | None = None,
     part: Part | None = None,
-    failed: DemoBatch | None = None,
 ) -> tuple[TrainState, Metrics]:
     """`config.updates` gradient updates in one compiled call, or a part of them.
 
     `pool` are scenes that an earlier reward overestimated (`gril_jax.pretraining.hard_negatives`),
     leaves (P, N, ...); they teach distances as copies do, also without `num_perturbations`.
-    `failed` are failures to learn from (`gril_jax.pretraining.failures`).
 
     Raises:
       ConfigError: as for `places`, or scenes are to teach distances to a head, which has none.
@@ -183,13 +180,11 @@ def step(
     ends = stages = None
     apart_too = config.num_perturbations > 0 or pool is not None
     chosen = ALIGNMENTS[config.consistency]
-    if chosen.head and (apart_too or failed is not None):
+    if chosen.head and apart_too:
         raise ConfigError(
             f"consistency is {config.consistency!r}, whose reward is no distance, so there must be "
-            "no pool and no failures, and num_perturbations must be 0."
+            "no pool, and num_perturbations must be 0."
         )
-    if failed is not None:
-        failed_active = activity_bits(failed, hyper, config)
     if chosen.stages:
         stages = pretrain_stages.found(demos).times
     if apart_too:
@@ -203,9 +198,6 @@ def step(
         batch, bits, due = jax.tree.map(lambda x: x[videos], (demos, active, stages))
         if config.turn_scenes:
             batch = pretrain_batch.turn(turn_key, batch)
-        ends_badly = failed
-        if failed is not None and config.turn_scenes:
-            ends_badly = pretrain_batch.turn(jax.random.fold_in(turn_key, 1), failed)
         if config.random_activity > 0:
             bits = pretrain_batch.touch(touch_key, bits, config.random_activity)
         if config.rewind > 0:
@@ -226,11 +218,6 @@ def step(
                     params.encoder, copy_key, batch, bits, ends, hyper, config, pool
                 )
                 total = total + hyper.perturbation_weight * apart
-            if failed is not None:
-                near = pretrain_failures.nearness(
-                    params.encoder, batch, bits, ends_badly, failed_active, hyper, config
-                )
-                total, apart = total + hyper.perturbation_weight * near, apart + near
             values = (parts.consistency, parts.reconstruction, apart)
             return total + fading * parts.agreement, values
 

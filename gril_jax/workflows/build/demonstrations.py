@@ -3,7 +3,6 @@
 import math
 import shutil
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -76,8 +75,7 @@ def gather(config: RunConfig, env: Env | None, folder: Path, progress: Progress)
     """Loads `config.demos.path`, or the set in `folder`, which is made first if missing.
 
     Objects that the task does not have are left out, so that a task with fewer blocks can learn
-    from videos with more. Without a task all objects are kept. Failures train the encoder only by
-    the share `config.pretrain.failures` of them, which then do not measure it.
+    from videos with more. Without a task all objects are kept. Failures never train the encoder.
     Raises DemoError if the set cannot be used for this task.
     """
     if env is None and config.demos.path is None:
@@ -146,22 +144,8 @@ def of_set(
             f"{source}: {len(good) - held} demonstrations are left to train on, but loss.goals is "
             f"{config.loss.goals} and must be at most that"
         )
-    names, trimmed = demo_set.split(held), sum(demo.trimmed for demo in demo_set)
-    names |= _shared_out(names["failure"], config.pretrain.failures, source)
-    return Demonstrations(demo_set, names, trimmed)
-
-
-def _shared_out(failures: Sequence[str], share: float, source: Any) -> dict[str, list[str]]:
-    """The failures that measure and those that teach, evenly among them; a DemoError if the share
-    is of none."""
-    if share > 0 and not failures:
-        raise DemoError(f"{source}: holds no failures, so pretrain.failures must be 0")
-    at = range(len(failures))
-    teach = {i for i in at if int((i + 1) * share) > int(i * share)}
-    return {
-        "failure": [failures[i] for i in at if i not in teach],
-        "teaching failure": [failures[i] for i in sorted(teach)],
-    }
+    trimmed = sum(demo.trimmed for demo in demo_set)
+    return Demonstrations(demo_set, demo_set.split(held), trimmed)
 
 
 def _objects(env: Env) -> tuple[str, ...]:

@@ -69,10 +69,9 @@ def _of_boxes(config, demos, pool) -> Learner:
         params = state.params
         return pretrain.learned_reward(params.encoder, data[0], hyper, static, params.head)
 
-    failed = demos.batch("teaching failure") if demos.names.get("teaching failure") else None
     return Learner(
         static,
-        (demos.batch("train"), demos.batch("validation"), pool, failed),
+        (demos.batch("train"), demos.batch("validation"), pool),
         init,
         step,
         pretrain.no_metrics(pretrain.Metrics, static.updates),
@@ -97,7 +96,7 @@ def _of_members(static: Static):
         return pretrain.init(key, data[0], one)
 
     def step(state, data, hyper, part):
-        return pretrain.step(state, data[0], hyper, one, data[2], part, data[3])
+        return pretrain.step(state, data[0], hyper, one, data[2], part)
 
     def init_all(key, data):
         return jax.vmap(init, (0, None))(jax.random.split(key, members), data)

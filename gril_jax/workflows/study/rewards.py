@@ -46,7 +46,7 @@ def task_key(config: RunConfig) -> Hashable:
 
 def set_key(config: RunConfig) -> Hashable:
     """The demonstrations that encoders learn from and are measured on."""
-    return task_key(config), config.demos, config.pretrain.failures
+    return task_key(config), config.demos
 
 
 class Wanted(NamedTuple):

@@ -133,16 +133,3 @@ def test_a_blank_reward_has_the_shapes_of_one_that_predicts_progress(method):
     head = heads.of(method).init(jax.random.key(0), 3)
     made = reward.from_latents(blank.encoder, jnp.zeros((2, 3)), jnp.ones((2, 3)), head=head)
     assert jax.tree.map(jnp.shape, made) == jax.tree.map(jnp.shape, blank)
-
-
-def test_failures_that_teach_are_part_of_the_loss():
-    encoder, loss = EncoderOptions(width=4, rounds=0, latent=2), LossConfig(failure_margin=2.0)
-    config = dataclasses.replace(CONFIG, encoder=encoder, loss=loss)
-    hyper, lacking = setup.pretrain_hyper(config), []
-    for taught in ({}, {"teaching failure": 2}):
-        demos = DEMOS._replace(names={"train": 2, "validation": 1} | taught)  # the same videos
-        one = learners.learner(config, demos)
-        state = one.init(jax.random.key(0), one.data)
-        lacking.append(float(one.step(state, one.data, hyper, _whole(one))[1].contrast[0]))
-    assert lacking[0] == 0
-    assert lacking[1] > 0
