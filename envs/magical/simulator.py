@@ -9,6 +9,7 @@ without gradients; "mjx", MuJoCo's, which serves the gripper, fixed shapes and "
 import functools
 import importlib
 import importlib.util
+import warnings
 from typing import Any, NamedTuple
 
 import jax
@@ -56,6 +57,8 @@ PRESETS = {
 def resolved(engine: str) -> str:
     """The engine's name, where "auto" is the fastest one that serves all of JAX's devices.
 
+    It warns where the kernel would serve them, but its package is not installed.
+
     Raises:
       ValueError: there is no such engine.
     """
@@ -63,7 +66,12 @@ def resolved(engine: str) -> str:
     if engine != "auto":
         return engine
     served = all(d.platform == "cpu" or d.device_kind.startswith("NVIDIA") for d in jax.devices())
-    return "kernel" if served and importlib.util.find_spec("warp") else "impulse"
+    if served and importlib.util.find_spec("warp") is None:
+        warnings.warn(
+            "physics run many times slower than they could: pip install warp-lang", stacklevel=2
+        )
+        served = False
+    return "kernel" if served else "impulse"
 
 
 def engine(

@@ -187,7 +187,8 @@ def test_gradients_are_refused_in_one_sentence():
 def test_auto_is_the_kernel_where_it_runs_and_says_so(monkeypatch):
     assert envs.make("match_regions").engine == "kernel"
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert envs.make("match_regions").engine == "impulse"
+    with pytest.warns(UserWarning, match="slower than they could: pip install warp-lang"):
+        assert envs.make("match_regions").engine == "impulse"
 
 
 @with_warp
