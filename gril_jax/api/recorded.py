@@ -19,7 +19,7 @@ def record_demos(
     out: str | os.PathLike,
     *,
     preset: str | None = None,
-    variant: Places = "layout",
+    variant: Places | None = None,
     seed: int = 0,
     progress: bool = True,
     **options: Any,
@@ -30,7 +30,8 @@ def record_demos(
       task: with an expert, by name or from `make`.
       out: a new folder for the demonstrations.
       preset: a shipped configuration or the path of a YAML file; by default that of the task.
-      variant: what is random in the initial states.
+      variant: what is random in the initial states; None is the task's own if that is "jitter",
+        else "layout".
       seed: of the initial states and of the expert.
       progress: show a progress line on stderr.
       options: sections of the configuration with the fields to change: `demos={"num": 24}`.

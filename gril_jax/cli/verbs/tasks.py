@@ -38,8 +38,8 @@ class _OwnMake:
     config: ConfigName = None
     out: str | None = None
     """New folder of the demonstration set, which must be named."""
-    variant: Places = "layout"
-    """Variant of the starts."""
+    variant: Places | None = None
+    """Variant of the starts; None: jitter if the configuration's is that, else layout."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the starts and of the expert."""
 
@@ -57,7 +57,8 @@ def _make(args: list[str]) -> Work:
         raise ConfigError(f"{_MAKE} needs --out: see {_MAKE} --help")
     config = MakeDemosConfig(given.env, given.demos)
     require_task(config.env)
-    config.env.require_places("--variant", given.variant)
+    if given.variant is not None:
+        config.env.require_places("--variant", given.variant)
     folder, starts = demo_set_to_write(given.out), {"variant": given.variant, "seed": given.seed}
     return experiment("build.make_demos", config, folder, config=config, devices=True, **starts)
 

@@ -40,10 +40,10 @@ def main(
     out: Path,
     echo: Callable[[str], None] = print,
     *,
-    variant: Places = "layout",
+    variant: Places | None = None,
     seed: int = 0,
 ) -> None:
-    """Writes a demonstration set to `out`; its starts are those of a variant."""
+    """Writes a demonstration set to `out`; see `make`."""
     with Progress() as progress:
         made = make(config, out, progress, variant=variant, seed=seed)
     trimmed, frames = sum(demo.trimmed for demo in made), sum(map(len, made))
@@ -55,14 +55,18 @@ def make(
     out: Path,
     progress: Progress,
     *,
-    variant: Places = "layout",
+    variant: Places | None = None,
     seed: int = 0,
 ) -> DemoSet:
     """Plays the task's expert, videos it, and saves what a detector reads as a set at `out`.
 
+    Episodes begin in a variant; None is the task's own if that is "jitter", else "layout": then
+    they differ more than the task's, and the reward holds for all of these.
+
     Raises DemoError if the expert fails too often, or lacks something that it needs.
     """
     chosen, name = config.demos, config.env.name
+    variant = variant or ("jitter" if config.env.variant == "jitter" else "layout")
     good, bad = chosen.num + chosen.num_validation, chosen.num_failures
     wanted = envs.Wanted(good, bad, seed, variant)
     phase = progress.phase("playing the expert", total=good + bad, unit="episodes")

@@ -99,3 +99,23 @@ def test_an_expert_that_always_fails_is_given_up():
     shown = Hopeless(*SCRIPT)
     with pytest.raises(ExpertError, match="played 0 of 1 demonstrations"):
         demonstrations.play(ENTRY.make(), shown, Wanted(1, 0, 0, "layout"), print)
+
+
+@pytest.mark.parametrize(
+    ("variant", "asked", "places"),
+    [("demo", None, "layout"), ("jitter", None, "jitter"), ("all", None, "layout")]
+    + [("jitter", "demo", "demo")],
+)
+def test_the_expert_begins_in_jitter_if_the_task_does_and_elsewhere_if_not(
+    variant, asked, places, tmp_path, monkeypatch
+):
+    def refuse(build, wanted, _):
+        raise ExpertError(f"asked to begin in {wanted.places}")
+
+    monkeypatch.setattr(make_demos.envs, "demonstrate", lambda name: refuse)
+    config = MakeDemosConfig(env=EnvConfig(variant=variant))
+    with (
+        Progress(stream=io.StringIO()) as progress,
+        pytest.raises(DemoError, match=f"asked to begin in {places}"),
+    ):
+        make_demos.make(config, tmp_path / "set", progress, variant=asked)
