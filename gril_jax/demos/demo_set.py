@@ -138,28 +138,23 @@ class DemoSet:
         train = len(good) - held
         return {"train": good[:train], "validation": good[train:], "failure": bad}
 
-    def save(
-        self, folder: str | os.PathLike, *, progress: bool = True, preset: str | None = None
-    ) -> None:
+    def save(self, folder: str | os.PathLike, *, progress: bool = True) -> None:
         """Writes the set, with a progress line on stderr; see `save_demo_set`."""
         with Progress(shown=progress) as shown:
             tell, done = shown.steps("writing", "videos"), itertools.count(1)
-            save_demo_set(
-                self, folder, preset=preset, progress=lambda total: tell(next(done), total)
-            )
+            save_demo_set(self, folder, progress=lambda total: tell(next(done), total))
 
 
 def save_demo_set(
     demo_set: DemoSet,
     folder: str | os.PathLike,
     *,
-    preset: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> None:
     """Writes a set to a new or empty folder, or in place of an older set once it is complete.
 
-    Few videos are in memory at once. `preset` and errors are those of `write_demo_set`; `progress`
-    is called after each video with the number of all.
+    Few videos are in memory at once. Errors are those of `write_demo_set`; `progress` is called
+    after each video with the number of all.
     """
 
     def read() -> Iterator[Demo]:
@@ -169,7 +164,7 @@ def save_demo_set(
             if progress is not None:
                 progress(len(demo_set))
 
-    about = demo_set.about | {"notes": demo_set.notes, "preset": preset}
+    about = demo_set.about | {"notes": demo_set.notes}
     write_demo_set(folder, read(), **about)
 
 

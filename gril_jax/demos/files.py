@@ -51,22 +51,18 @@ def write_demo_set(
     demos: Iterable[Demo],
     *,
     notes: str = "",
-    preset: str | None = None,
     **about: Any,
 ) -> None:
     """Writes a demo set to a new or empty folder, or in place of an older set once it is complete.
 
     Demonstrations are consumed one at a time, so that a generator need hold only one video.
     `about` are the other fields of a `DemoSet`; robots, unit, noise and smoothing may be left out.
-    `preset` is as in `write_video`; None takes "veryfast" for imported videos, those with notes.
 
     Raises:
       DemoError: the folder holds something else, also beside an older set, a demonstration is
         malformed, there is none, or the disk is full.
     """
     folder, part = pathlib.Path(folder), None
-    # A camera's pictures take long to encode, and only people look at them.
-    preset = preset or ("veryfast" if notes else "medium")
     about = _USUAL | about
     if odd := {*about} - {*ABOUT}:
         raise TypeError(f"a demo set has no field {min(odd)!r}")
@@ -92,7 +88,7 @@ def write_demo_set(
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         part.chmod(0o755)
-        given = (classes, about["fps"], about["half_extent"], preset)
+        given = (classes, about["fps"], about["half_extent"])
         entries = [_write(part, str(where), i, demo, *given) for i, demo in enumerate(demos)]
         if not entries:
             raise DemoError(f"{folder}: a demo set needs at least 1 demonstration, got none.")
@@ -134,7 +130,6 @@ def _write(
     classes: Sequence[str],
     fps: float,
     half_extent: float,
-    preset: str,
 ) -> dict[str, Any]:
     """Writes the files of a demonstration; returns its entry in the header."""
     where = f"{where}, demonstration {demo.name!r}"
@@ -144,7 +139,7 @@ def _write(
     objects = len(demo.tracks.label)
     check_tracks(demo.tracks, len(frames), objects, classes, half_extent, where)
     video, tracks = f"{number:03d}.mp4", f"{number:03d}.npz"
-    write_video(part / video, frames, fps, preset=preset)
+    write_video(part / video, frames, fps)
     source = {} if demo.source is None else dict(zip(_SOURCE, demo.source, strict=True))
     np.savez_compressed(part / tracks, **demo.tracks._asdict(), **source)
     return {

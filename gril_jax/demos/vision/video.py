@@ -23,6 +23,7 @@ from .stamps import frame_times
 
 _OPTIONS = {
     "crf": "12",  # constant quality: 0 is lossless, 23 is what videos use
+    "preset": "veryfast",  # as exact as "medium" at this quality, half of the time, 5 % more bytes
     "x264-params": "mbtree=0",  # with it, equal small frames now and then give other bytes
 }
 
@@ -31,13 +32,10 @@ def write_video(
     path: str | os.PathLike,
     frames: Iterable[UInt8[np.ndarray, "H W 3"]],
     fps: float,
-    *,
-    preset: str = "medium",
 ) -> None:
     """Writes frames of one size, with even sides, as H.264 in MP4.
 
     The file appears complete or not at all, in a folder that exists, in place of an older one.
-    `preset` is the encoder's: "veryfast" takes a third of the time for pictures of a camera.
 
     Raises:
       DemoError: no frames, a frame of another or an odd size, or the file cannot be written.
@@ -47,7 +45,7 @@ def write_video(
         raise DemoError(f"{path}: a video needs a frame rate above 0, not {fps}.")
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        _encode(part, path, frames, fps, preset)
+        _encode(part, path, frames, fps)
         os.replace(part, path)
     except OSError as error:  # av's errors are OSErrors where the system has a number for them
         raise DemoError(
@@ -59,9 +57,7 @@ def write_video(
         part.unlink(missing_ok=True)
 
 
-def _encode(
-    part: pathlib.Path, path: pathlib.Path, frames: Iterable, fps: float, preset: str
-) -> None:
+def _encode(part: pathlib.Path, path: pathlib.Path, frames: Iterable, fps: float) -> None:
     frames = iter(frames)
     first = next(frames, None)
     if first is None:
@@ -74,7 +70,7 @@ def _encode(
     rate = Fraction(fps).limit_denominator(1001)
     # Our own file object: the operating system's errors (disk full) then keep their number.
     with open(part, "wb") as file, av.open(file, "w", format="mp4") as container:
-        stream = container.add_stream("libx264", rate=rate, options=_OPTIONS | {"preset": preset})
+        stream = container.add_stream("libx264", rate=rate, options=_OPTIONS)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         for index, frame in enumerate(itertools.chain([first], frames)):
             if frame.shape != first.shape:
