@@ -133,7 +133,7 @@ def test_the_wheel_works_without_the_checkout(site, tmp_path):
     package, envs, steps = done.stdout.splitlines()[-1].split()
     assert Path(package).parent == site / "gril_jax"
     assert Path(envs).parent == site / "gril_jax" / "envs"
-    assert steps == "9000000"
+    assert steps == "7000000"
 
 
 PROJECTS = {"my_task": "my_task", "gymnax_task": "herd", "mjx_task": "slide"}

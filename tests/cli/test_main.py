@@ -43,7 +43,7 @@ def _gril(*args, cwd):
         ([], "usage: gril VERB"),
         (["demos", "--help"], "import-videos"),
         (["train", "match_regions", "-h"], "12000000"),
-        (["quickstart", "--help"], "--ppo.num-timesteps 9000000"),
+        (["quickstart", "--help"], "--ppo.num-timesteps 7000000"),
         (["pretrain", "--help", "loss"], "Weight of the loss on perturbed frames"),
         (["demos", "make", "--help"], "--num-validation"),
         (["demos", "import-videos", "--help"], "--half-extent"),

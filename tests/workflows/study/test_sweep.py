@@ -61,7 +61,7 @@ def test_a_dry_run_tells_each_row_and_writes_nothing(tmp_path, monkeypatch, caps
     options = ("--rows", "ours,TCC*", "--seeds", "2", "--ppo.num-timesteps", "40960")
     assert main.main(["sweep", "rewards", *options, "--dry-run"]) == 0
     said = capsys.readouterr().out.splitlines()
-    each = "a reward, 5,000 gradient steps; a policy of match_regions, 40,960 env steps; 2 seeds"
+    each = "a reward, 3,500 gradient steps; a policy of match_regions, 40,960 env steps; 2 seeds"
     assert said[:2] == [f"ours: {each}", f"TCC alone: {each}"]
     assert said[2].startswith("in all 4 rewards, 4 policies, 1 program, 163,840 env steps, on ")
     assert not [*tmp_path.iterdir()]
