@@ -106,6 +106,7 @@ def of_brax(env: Any, boxes: Boxes, **scene: Any) -> Adapted:
 def of_gymnax(env: Any, boxes: Boxes, *, params: Any = None, **scene: Any) -> Adapted:
     """A task of an environment of gymnax; its own automatic reset is not used."""
     params = env.default_params if params is None else params
+    limit = getattr(params, "max_steps_in_episode", None)
 
     def begin(key: PRNGKeyArray) -> Moment:
         obs, state = env.reset_env(key, params)
@@ -113,18 +114,20 @@ def of_gymnax(env: Any, boxes: Boxes, *, params: Any = None, **scene: Any) -> Ad
 
     def advance(key: PRNGKeyArray, state: Any, action: Any) -> Moment:
         obs, state, reward, done, _ = env.step_env(key, state, action, params)
-        return Moment(state, obs, reward, done)
+        return Moment(state, obs, reward, _by_itself(done, getattr(state, "time", None), limit))
 
-    limit = getattr(params, "max_steps_in_episode", None)
     scene = ({} if limit is None else {"episode_length": int(limit)}) | scene
     return Adapted(begin, advance, _actions(env.action_space(params)), boxes, **scene)
 
 
 def of_jumanji(env: Any, boxes: Boxes, **scene: Any) -> Adapted:
     """A task of an environment of Jumanji."""
+    limit = getattr(env, "time_limit", None)
 
     def moment(state: Any, timestep: Any) -> Moment:
-        ended = timestep.step_type == 2  # dm_env's last
+        last = timestep.step_type == 2  # of dm_env, whose discount is 1 where the value goes on
+        ended = last & jnp.all(jnp.asarray(timestep.discount) == 0)
+        ended = _by_itself(ended, getattr(state, "step_count", None), limit)
         return Moment(state, timestep.observation, timestep.reward, ended)
 
     def begin(key: PRNGKeyArray) -> Moment:
@@ -134,9 +137,14 @@ def of_jumanji(env: Any, boxes: Boxes, **scene: Any) -> Adapted:
         return moment(*env.step(state, action))
 
     spec = env.action_spec() if callable(env.action_spec) else env.action_spec
-    limit = getattr(env, "time_limit", None)
     scene = ({} if limit is None else {"episode_length": int(limit)}) | scene
     return Adapted(begin, advance, _actions(spec), boxes, **scene)
+
+
+def _by_itself(done: Any, time: Any, limit: Any) -> Any:
+    """Whether the task has ended, and not only its time: at the library's limit, which is the
+    task's `episode_length`, the episode is cut off, and its value goes on."""
+    return done if time is None or limit is None else jnp.asarray(done, bool) & (time != limit)
 
 
 def _actions(space: Any) -> Actions:

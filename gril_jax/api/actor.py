@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from gril_jax.errors import ShapeError
 from gril_jax.graphs import activity
@@ -32,6 +32,7 @@ class Seen(NamedTuple):
 
     memory: activity.Memory  # which objects have moved
     remembered: Any  # by the reward, such as the stages that are done
+    label: Int[Array, "N"]  # class of each object
 
 
 class _State(NamedTuple):
@@ -39,6 +40,8 @@ class _State(NamedTuple):
 
     objects: Any
     obs: Any = ()
+    reward: float = 0.0  # of the task, which a policy does not see
+    done: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,23 +52,30 @@ class Actor:
     parameters: Policy
     reward_parameters: Any
     objects: Any
-    """Of a start of the task: its labels and robot flags count in every episode."""
+    """Of a start of the task: its robot flags count in every episode."""
     observation_size: int
     """O, of the task's own observation."""
     tau: float
     """Activity threshold, in box diagonals."""
 
     @checked
-    def begin(self, center: Float[Array, "N 2"]) -> Seen:
-        """The memory at an episode's start, from the centres of all boxes in world units.
+    def begin(self, center: Float[Array, "N 2"], label: Int[Array, "N"] | None = None) -> Seen:
+        """The memory at an episode's start.
+
+        Args:
+          center: of all boxes, in world units.
+          label: class of each object, where it differs from episode to episode, as in a variant
+            with other colours. By default the classes are those of one start of the task.
 
         Raises:
-          ShapeError: there are more or fewer boxes than the task has objects.
+          ShapeError: there are more or fewer boxes or labels than the task has objects.
         """
         _require("center", center.shape, self.objects.center.shape)
+        label = self.objects.label if label is None else label
+        _require("label", label.shape, self.objects.label.shape)
         episodes = self.algorithm.episodes
         memory = activity.init(center, window=episodes.window, smoothing=episodes.smoothing)
-        return Seen(memory, episodes.reward.init())
+        return Seen(memory, episodes.reward.init(), label)
 
     @checked
     def see(self, seen: Seen, center: Float[Array, "N 2"], size: Float[Array, "N 2"]) -> Seen:
@@ -75,10 +85,12 @@ class Actor:
             seen.memory, center, size, tau=self.tau, noise=episodes.noise
         )
         remembered = seen.remembered
-        if jax.tree.leaves(remembered):  # else no reward needs to be computed
-            state = _State(self.objects._replace(center=center, size=size))
-            remembered, _ = episodes.reward.step(self.reward_parameters, remembered, state, active)
-        return Seen(memory, remembered)
+        if episodes.reward.observe(remembered).size:  # else no reward needs to be computed
+            objects = self.objects._replace(center=center, size=size, label=seen.label)
+            remembered, _ = episodes.reward.step(
+                self.reward_parameters, remembered, _State(objects), active
+            )
+        return Seen(memory, remembered, seen.label)
 
     @checked
     def act(self, seen: Seen, observation: Float[Array, "O"]) -> Float[Array, "A"]:
@@ -89,7 +101,7 @@ class Actor:
         """
         _require("observation", observation.shape, (self.observation_size,))
         state = _State(self.objects, observation)
-        episode = EpisodeState(state, *seen, jnp.zeros((), jnp.int32))
+        episode = EpisodeState(state, seen.memory, seen.remembered, jnp.zeros((), jnp.int32))
         key = jax.random.key(0)  # which a deterministic action does not read
         return self.algorithm.act(self.parameters, episode, key, deterministic=True)
 

@@ -70,7 +70,7 @@ def train_policy(
         config = settings.changed(config, {"run": {"reward": "environmental"}}, seed)
     env = setup.make_env(config.env, training=False)
     if rewards[0] is not None:
-        config = export_reward.configured(config, rewards[0], env, "the reward")
+        config = _with_rewards(config, rewards, env)
     chosen = _shown(config, env, demos)
     shown_batch = None if chosen is None else chosen.batch("train")
     configs = [with_seed(config, number) for number in range(seeds)]
@@ -160,9 +160,22 @@ def _of_seeds(
         return [reward] * seeds
     if len(reward) != seeds:
         raise ConfigError(f"there are {len(reward)} rewards for {seeds} seeds: give one for each")
-    if any(one.config != reward[0].config for one in reward):
-        raise ConfigError("the rewards have different encoders, but one program trains all seeds")
     return list(reward)
+
+
+def _with_rewards(config: RunConfig, rewards: Sequence[LearnedReward], env: Env) -> RunConfig:
+    """The configuration with the encoder and the activity rule that all rewards share."""
+    many = len({id(one) for one in rewards}) > 1
+    for number, one in enumerate(rewards):
+        source = f"the reward of seed {number}" if many else "the reward"
+        found = export_reward.configured(config, one, env, source)
+        if number and found != config:
+            raise ConfigError(
+                f"{source} has another encoder or activity rule than that of seed 0, but one "
+                "program trains all seeds"
+            )
+        config = found
+    return config
 
 
 def _shown(

@@ -93,11 +93,8 @@ def learn_reward(
             one,
             jax.tree.map(lambda x, i=i: jnp.asarray(x[i]), params),
             words,
-            {
-                "kendall_tau": float(measured["tau"][i]),
-                "consistency": aligned[i],
-                "num_demos": len(chosen.names["train"]),
-            },
+            {"consistency": aligned[i], "num_demos": len(chosen.names["train"])}
+            | ({"kendall_tau": float(measured["tau"][i])} if "tau" in measured else {}),
         )
         for i, one in enumerate(configs)
     ]

@@ -4,6 +4,7 @@ Defaults come from the sections of a run's configuration that have the same fiel
 """
 
 import dataclasses
+import math
 from typing import Literal, NamedTuple
 
 import jax
@@ -119,6 +120,6 @@ class Hyper(NamedTuple):
     quartic_weight: Number = LossConfig.quartic_weight
     latent_scale: Number = LossConfig.latent_scale
     # Updates over which the learning rate falls linearly, and the fraction of it that is left.
-    decay_updates: Number = 1.0
+    decay_updates: Number = math.inf
     final_learning_rate_fraction: Number = PretrainConfig.final_learning_rate_fraction
     warmup: Number = float(LossConfig.warmup)  # updates over which the time agreement fades out

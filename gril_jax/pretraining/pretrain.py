@@ -260,7 +260,7 @@ def evaluate(
 
     Returns:
       `tau`: Kendall's tau of nearest-neighbour alignment, mean over ordered pairs of `demos`; an
-        ensemble's latents count side by side.
+        ensemble's latents count side by side. One demonstration has none.
       `reward_time_tau`: Kendall's tau of the reward against time, mean over `demos`.
       `reward_first`, `reward_last`: mean reward at the first and the last frames.
       High values say that demonstrations are ordered, not that a reward is safe to optimise.
@@ -288,11 +288,12 @@ def learned_reward(
 def figures(
     learned: RewardParams, latents: Float[Array, "B T D"], length: Int[Array, "B"]
 ) -> dict[str, Float[Array, ""]]:
-    """Scalar measures of a reward, from the latents of recordings; `evaluate` names them."""
+    """Scalar measures of a reward, from the latents of recordings; `evaluate` names them. One
+    recording has no alignment tau."""
     rewards = reward.latent_reward(learned, latents)
     last = jnp.take_along_axis(rewards, length[:, None] - 1, axis=1)
-    return {
-        "tau": metrics.mean_alignment_tau(latents, length),
+    aligned = {"tau": metrics.mean_alignment_tau(latents, length)} if len(latents) > 1 else {}
+    return aligned | {
         "reward_time_tau": metrics.time_order(rewards, length).reward_time_tau,
         "reward_first": jnp.mean(rewards[:, 0]),
         "reward_last": jnp.mean(last),

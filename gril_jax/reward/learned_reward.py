@@ -10,7 +10,8 @@ compiled function, or a constant in one. Shapes use N for objects and T for fram
 sizes are in the world units that the reward was trained in (`gril_jax.boxes_from_pixels`).
 
 Detectors lose objects. An object whose box holds NaN or an infinite number counts as not present in
-that frame, and has not moved in it. Where no object is left, the reward is `NOTHING_SEEN`.
+that frame, and has not moved in it; so does one whose box is 0 wide and high. Where no object is
+left, the reward is `NOTHING_SEEN`.
 """
 
 import dataclasses
@@ -139,7 +140,7 @@ class LearnedReward:
           active: (N,) objects that have moved since the episode began (`gril_jax.graphs.activity`).
           label: (N,) class indices; those of `objects` if left out.
           is_robot: (N,) robot flags; those of `label` by `robots` if left out.
-          present: (N,) False for padding; all present if left out.
+          present: (N,) False for padding; if left out, of boxes whose width and height are 0.
 
         Raises:
           ShapeError: the arrays do not belong to the same objects.
@@ -150,7 +151,10 @@ class LearnedReward:
         center, size, active = (jnp.asarray(x) for x in (center, size, active))
         nodes = self._check(center, size)
         label, is_robot = self._scene(label, is_robot)
-        present = jnp.ones(nodes, bool) if present is None else jnp.asarray(present)
+        finite = jnp.isfinite(center).all(axis=-1) & jnp.isfinite(size).all(axis=-1)
+        known = present is not None
+        # As in `scene_graph`: so the reward was learned.
+        present = jnp.asarray(present) if known else (size != 0).any(axis=-1)
         given = dict(active=active, label=label, is_robot=is_robot, present=present)
         for name, flags in given.items():
             if flags.shape != (nodes,):
@@ -159,8 +163,8 @@ class LearnedReward:
                     f"must have shape ({nodes},), one value for each object."
                 )
 
-        finite = jnp.isfinite(center).all(axis=-1) & jnp.isfinite(size).all(axis=-1)
-        lost, seen = present & ~finite, present & finite
+        seen = present & finite
+        lost = present & ~finite if known else ~seen
         center, size = (jnp.where(finite[:, None], x, 0.0) for x in (center, size))
         value = self._value(graphs.scene_graph(center, size, label, is_robot, active, seen))
         counts = jnp.asarray(True) if getattr(self.config, "pool_robot", True) else ~is_robot

@@ -95,6 +95,13 @@ class Episodes:
         varied = jnp.zeros(()) if self.chosen_starts else ()
         return EpisodeState(state, memory, self.reward.init(), jnp.zeros((), jnp.int32), varied)
 
+    def can_begin(self, episode: EpisodeState) -> Bool[Array, ""]:
+        """True if no number that the policy would see at this start is NaN or infinite.
+
+        What else is not finite is found by the first step, which is then undone.
+        """
+        return jnp.isfinite(self.observe(episode)).all()
+
     def advance(
         self,
         reward_params: Any,

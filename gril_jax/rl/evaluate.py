@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from .episodes import Episodes, EpisodeState
+from .episodes import Episodes, EpisodeState, reset_where
 from .policy import Policy
 from .rollout import strong
 from .training import Algorithm
@@ -53,7 +53,8 @@ def evaluate(
 
     The key is consumed. `deterministic` says, of all episodes or of each, whether the policy's mean
     actions are played or samples; it may be traced.
-    An episode whose simulation fails stays where it was before the failure.
+    An episode that the task ends stays where it ended, without further reward. One whose simulation
+    fails stays where it was before the failure.
     """
     of, episodes = algorithm.episodes, len(begun.time)
     means = jnp.broadcast_to(deterministic, (episodes,))
@@ -64,20 +65,30 @@ def evaluate(
         action = jnp.where(deterministic, mean, sample)
         return of.advance(reward_params, episode, action, tau=tau)
 
-    def move(running, key):
-        running, result = jax.vmap(one)(running, jax.random.split(key, episodes), means)
+    def move(carry, key):
+        before, over, *rates = carry
+        moved, result = jax.vmap(one)(before, jax.random.split(key, episodes), means)
+        running = jax.vmap(reset_where)(over, before, moved)
         seen = jax.vmap(lambda one: of.reward.observe(one.reward_memory))(running)
-        return running, (running.state, result, seen)
+        now = result.metrics["success"], result.metrics["score"]
+        success, score = (jnp.where(over, *pair) for pair in zip(rates, now, strict=True))
+        reward = jnp.where(over, 0.0, result.reward)
+        over |= result.terminated + result.nonfinite > 0
+        return (running, over, success, score), (running.state, reward, success, seen)
 
-    steps = jax.random.split(key, of.env.episode_length)
-    _, (states, results, seen) = jax.lax.scan(move, begun, steps)
+    nothing = jnp.zeros((episodes,))
+    carry, steps = jax.lax.scan(
+        move,
+        (begun, nothing > 0, nothing, nothing),
+        jax.random.split(key, of.env.episode_length),
+    )
+    states, reward, success, seen = steps
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), begun.state, states)
-    success = results.metrics["success"]
     return Evaluation(
         states=jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), states),
-        reward=results.reward.T,
+        reward=reward.T,
         success=success[-1],
         success_ever=success.max(axis=0),
-        score=results.metrics["score"][-1],
+        score=carry[-1],
         remembered=jnp.swapaxes(seen, 0, 1),
     )

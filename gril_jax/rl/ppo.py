@@ -64,7 +64,7 @@ class Hyper(NamedTuple):
     reward_scaling: Number = PPOConfig.reward_scaling
     max_grad_norm: Number = 1.0  # gradients whose global norm is larger are scaled down to it
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
-    decay_updates: Number = 1.0  # over which the two below are reached
+    decay_updates: Number = math.inf  # over which the two below are reached
     final_learning_rate_fraction: Number = PPOConfig.final_learning_rate_fraction
     final_entropy_fraction: Number = PPOConfig.final_entropy_fraction
 

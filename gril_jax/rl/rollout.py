@@ -43,9 +43,15 @@ class Rollout(NamedTuple):
 
 
 def init(episodes: Episodes, keys: Key[Array, "K"]) -> VectorState:
-    """B environments at an episode's start, with a full pool of starts, from 2 B keys (K,)."""
+    """B environments at an episode's start, with a full pool of starts, from 2 B keys (K,).
+
+    A start that the policy would see as NaN or infinite is replaced by the first other one.
+    """
     num_envs = len(keys) // 2
     both = jax.vmap(episodes.begin)(keys)
+    fine = jax.vmap(episodes.can_begin)(both)
+    first = jax.tree.map(lambda x: x[jnp.argmax(fine)], both)
+    both = jax.vmap(reset_where, in_axes=(0, None, 0))(~fine, first, both)
     # A task's own weak types would become strong in the first step, which then compiles twice.
     both = jax.tree.map(strong, both)
     running = jax.tree.map(lambda x: x[:num_envs], both)
@@ -90,17 +96,21 @@ def renew(
     """The environments with the pool's oldest starts sampled anew, one with each of the keys (R,).
 
     Each block of the pool gets its share of them. R is what `renewals` says, or another number that
-    the blocks can share and that divides the pool. `mix` may replace some of them.
+    the blocks can share and that divides the pool. `mix` may replace some of them. Where the policy
+    would see a new one as NaN or infinite, the old one stays.
     """
     num_envs = len(envs.running.time)
     parts = blocks.count(num_envs)
-    fresh = blocks.split(mix(jax.vmap(episodes.begin)(keys)), parts)
+    fresh = mix(jax.vmap(episodes.begin)(keys))
+    fine = blocks.split(jax.vmap(episodes.can_begin)(fresh), parts)
     place = (envs.drawn * (len(keys) // parts)) % (num_envs // parts)
 
     def put(pool, new):
-        return jax.lax.dynamic_update_slice_in_dim(pool, new, place, 1)
+        old = jax.lax.dynamic_slice_in_dim(pool, place, new.shape[1], 1)
+        kept = jax.vmap(jax.vmap(jnp.where))(fine, new, old)
+        return jax.lax.dynamic_update_slice_in_dim(pool, kept, place, 1)
 
-    starts = jax.tree.map(put, blocks.split(envs.starts, parts), fresh)
+    starts = jax.tree.map(put, blocks.split(envs.starts, parts), blocks.split(fresh, parts))
     return envs._replace(starts=blocks.join(starts), drawn=envs.drawn + 1)
 
 

@@ -7,6 +7,7 @@ Source: Haarnoja et al., "Soft Actor-Critic Algorithms and Applications" (2018),
 Shapes use R for the transitions of a batch.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -36,7 +37,7 @@ class Hyper(NamedTuple):
     reward_scaling: Number = SACConfig.reward_scaling
     max_grad_norm: Number = 10.0  # of actor, critics and temperature each
     tau: Number = PoolConfig.tau  # activity threshold, in box diagonals
-    decay_updates: Number = 1.0  # over which the share of own starts falls
+    decay_updates: Number = math.inf  # over which the share of own starts falls
 
 
 class Params(NamedTuple):

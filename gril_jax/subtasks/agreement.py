@@ -94,12 +94,11 @@ def running_median(x: Float[Array, "T"], width: int) -> Float[Array, "T"]:
     """Centred median with the ends held: unlike a mean, it keeps a step where it is.
 
     Raises:
-      ConfigError: the width is not positive.
+      ConfigError: the width is not odd and positive.
     """
-    if width < 1:
-        raise ConfigError(f"smoothing is {width}; it must be at least 1 frame.")
-    before = (width - 1) // 2
-    padded = jnp.pad(x, (before, width - 1 - before), mode="edge")
+    if width < 1 or width % 2 == 0:
+        raise ConfigError(f"smoothing is {width}; it must be an odd number of frames.")
+    padded = jnp.pad(x, width // 2, mode="edge")
     windows = jnp.stack([padded[i : i + x.shape[0]] for i in range(width)])
     return jnp.median(windows, axis=0)
 
@@ -127,8 +126,10 @@ def agreed_boundaries(
       support: see above.
 
     Raises:
-      ConfigError: a number is out of its range.
+      ConfigError: `smoothing` is not odd and positive, or `support` is known and not in (0, 1].
     """
+    if not isinstance(support, jax.core.Tracer) and not 0 < float(support) <= 1:
+        raise ConfigError(f"support is {support}; it must be above 0 and at most 1.")
     trace = _smoothed(reward, length, smoothing)
     own = each_alone(reward, length, prominence=prominence, smoothing=smoothing, patience=patience)
     return _settled(trace, own, _common(trace, own, length, prominence, support), prominence)

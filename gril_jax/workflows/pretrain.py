@@ -95,7 +95,8 @@ def main(
         results = learn(run, demos)
         run.dir.finish(results)
     page = run_report.write_report(run.path)
-    echo(f"alignment tau on held-out demonstrations: {results['tau']:.3f}; report: {page}")
+    tau = f"{results['tau']:.3f}" if "tau" in results else "unknown, since only one is held out"
+    echo(f"alignment tau on held-out demonstrations: {tau}; report: {page}")
     return run.path
 
 

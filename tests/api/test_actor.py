@@ -5,9 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support import own_task
+from support.probes import Probe
 
 import gril_jax as gril
+from gril_jax.api.actor import Actor
 from gril_jax.errors import RunError, ShapeError
+from gril_jax.rl.policy import Policy
+from gril_jax.rl.ppo import PPO, Static
+from gril_jax.rl.rewards import Reward, shaped
 
 PLAIN = {"run": {"reward": "learned"}, "ppo": {"sub_policies": 1}}
 STAGED = {"run": {"reward": "stages"}, "ppo": {"sub_policies": 2, "observe_gradient": True}}
@@ -91,6 +96,33 @@ def test_the_input_of_the_network_ends_with_gradients_and_the_share_of_stages_do
         ours = jnp.concatenate([obs[i], memory.memory.active, observe(memory.remembered)])
         np.testing.assert_allclose(ours, seen[i], atol=ROUNDING[policy.config.run.reward])
         memory = actor.see(memory, center[i + 1], size[i + 1])
+
+
+def _probe(reward):
+    """An actor of the probe, of which only the memory is looked at."""
+    sizes = Static(num_envs=2, num_minibatches=1, window=4)
+    objects = Probe().reset(jax.random.key(0)).objects
+    unused = Policy(None, None)
+    return Actor(PPO(Probe(), reward, sizes), unused, None, objects, 2, 0.005), objects
+
+
+def test_a_reward_sees_the_labels_that_the_episode_began_with():
+    seen_labels = Reward(
+        init=lambda: jnp.zeros(3),
+        step=lambda params, memory, state, active: (state.objects.label * 1.0, 0.0),
+        observe=lambda memory: memory,
+    )
+    actor, objects = _probe(seen_labels)
+    for label in (None, jnp.array([2, 0, 1])):
+        seen = actor.see(actor.begin(objects.center, label), objects.center, objects.size)
+        np.testing.assert_array_equal(seen.remembered, objects.label if label is None else label)
+
+
+def test_a_memory_that_the_policy_does_not_see_is_not_computed():
+    actor, objects = _probe(shaped(lambda params, state, active: state.objects.center.sum()))
+    seen = actor.see(actor.begin(objects.center), objects.center + 1.0, objects.size)
+    assert seen.memory.active.all()
+    assert seen.remembered == -1.0
 
 
 def test_boxes_and_observations_of_another_scene_are_told_so(policy):

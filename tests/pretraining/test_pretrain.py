@@ -133,6 +133,8 @@ def test_evaluation_agrees_with_the_reward_of_the_training_demonstrations(state,
     params = state.params.encoder
     values = pretrain.evaluate(params, demos, demos, Hyper(), SMALL)
     assert set(values) == {"tau", "reward_time_tau", "reward_first", "reward_last"}
+    single = jax.tree.map(lambda x: x[:1], demos)
+    assert "tau" not in pretrain.evaluate(params, single, demos, Hyper(), SMALL)
     np.testing.assert_allclose(values["reward_first"], -1.0, rtol=1e-4)
     learned = jax.jit(reward.from_demos)(params, demos, SMALL.encoder)
     latents = pretrain.embed(params, demos, Hyper(), SMALL)

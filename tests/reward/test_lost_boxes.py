@@ -66,6 +66,16 @@ def test_an_object_without_a_finite_box_counts_as_not_present(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_an_object_without_a_size_counts_as_not_present(kind):
+    learned, absent = _learned(kind), np.arange(5) == 3
+    value = jax.jit(lambda size: learned(CENTER, size, ACTIVE))
+    size = np.where(absent[:, None], 0.0, SIZE).astype(np.float32)
+    np.testing.assert_allclose(value(size), _value(kind)(CENTER, SIZE, ~absent), rtol=1e-5)
+    assert value(size) != value(np.asarray(SIZE))
+    assert value(np.zeros_like(SIZE)) == NOTHING_SEEN
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_where_nothing_is_left_the_reward_is_the_documented_one(kind):
     learned, none = _learned(kind), np.full((5, 2), np.nan, np.float32)
     assert _value(kind)(none, SIZE, np.ones(5, bool)) == NOTHING_SEEN

@@ -132,6 +132,36 @@ def test_each_block_of_the_pool_is_renewed_in_turn(begun, monkeypatch, size):
         chex.assert_trees_all_equal(_plain(_at(now.starts, new)), _plain(fresh))
 
 
+class _Unplaced(Probe):
+    """Half of its resets fail: the policy would see NaN."""
+
+    def reset(self, key):
+        state = super().reset(key)
+        return state._replace(obs=jnp.where(state.data.sign > 0, jnp.nan, state.obs))
+
+
+def test_no_episode_begins_where_the_policy_would_see_nan():
+    failing = episodes.Episodes.of(_Unplaced(episode_length=3), rewards.environmental, window=4)
+    keys = jax.random.split(jax.random.key(0), 2 * NUM)
+    broken = np.isnan(jax.vmap(failing.begin)(keys).state.obs[:, 0])
+    assert 0 < broken.sum() < 2 * NUM
+    begun = rollout.init(failing, keys)
+    own = np.concatenate([begun.running.state.data.sign, begun.starts.state.data.sign])
+    np.testing.assert_array_equal(own, -1)
+    first, *_ = _plain(begun.running.state.data.key)  # of the others each keeps its own start
+    stands_in = (_plain(begun.starts.state.data.key) == first).all(axis=1)
+    np.testing.assert_array_equal(stands_in, broken[NUM:])
+    for number in range(4):
+        keys, place = jax.random.split(jax.random.key(number), 2), 2 * (number % 2) + np.arange(2)
+        fresh = jax.vmap(failing.begin)(keys).state
+        before, begun = begun, rollout.renew(failing, begun, keys)
+        old, new, now = (
+            _plain(x.data.key) for x in (before.starts.state, fresh, begun.starts.state)
+        )
+        wanted = np.where(np.isnan(fresh.obs[:, :1]), old[place], new)
+        np.testing.assert_array_equal(now[place], wanted)
+
+
 @pytest.mark.parametrize("num_envs", [1, 4, 6, 64, 1024, 3000])
 @pytest.mark.parametrize("unroll_length", [1, 5, 20, 300])
 def test_renewals_divide_the_environments_and_cover_what_time_limits_use_up(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.probes import Probe
 
-from gril_jax.rl import blocks, episodes, ppo, rewards, rollout, starts
+from gril_jax.rl import blocks, episodes, ppo, rewards, rollout, sac, starts
 
 
 def _place(params, state, active):
@@ -169,6 +169,11 @@ def test_training_begins_some_episodes_at_own_moments_and_ends_without(share):
     else:
         assert max(pools[:8]) > 0
         assert pools[-1] == 0
+
+
+@pytest.mark.parametrize("kind", [ppo.Hyper, sac.Hyper])
+def test_without_a_horizon_the_share_of_chosen_starts_stays(kind):
+    assert float(starts.share_left(0.7, 1e6 / kind().decay_updates)) == pytest.approx(0.7)
 
 
 def test_renewing_puts_the_mixed_starts_into_the_pool():

@@ -244,8 +244,15 @@ def test_smoothing_equals_scipys_and_can_be_left_out():
     median = scipy.ndimage.median_filter(x, 7, mode="nearest")
     np.testing.assert_allclose(running_median(trace, 7), median, atol=1e-6)
     np.testing.assert_array_equal(running_median(trace, 1), trace)
-    with pytest.raises(ConfigError, match="smoothing is 0; it must be at least 1"):
-        running_median(trace, 0)
+    for width in (0, 4):
+        with pytest.raises(ConfigError, match=f"smoothing is {width}; it must be an odd number"):
+            running_median(trace, width)
+
+
+@pytest.mark.parametrize("support", [0.0, 3.0])
+def test_a_support_that_is_no_share_is_refused(support):
+    with pytest.raises(ConfigError, match=f"support is {support}; it must be above 0"):
+        agreed_boundaries(jnp.zeros((2, 30)), jnp.full(2, 30), support=support)
 
 
 def test_a_trace_that_goes_on_standing_has_the_same_boundaries_and_no_more():

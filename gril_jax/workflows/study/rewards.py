@@ -23,7 +23,7 @@ class TrainedReward(NamedTuple):
     One that diverged has the numbers of another one, which are not to be used."""
 
     params: reward.RewardParams
-    tau: float
+    tau: float | None
     demos: DemoBatch
     num_classes: int
     diverged: str | None = None  # a sentence if it did
@@ -97,7 +97,7 @@ def learn(
         what=f"learning {len(one.keys)} rewards",
         row=lambda metrics: {"loss": metrics.loss.mean(axis=-1)},
     )  # fmt: skip
-    params, tau = jax.device_get((trained.rewards, trained.measures["tau"]))
+    params, tau = jax.device_get((trained.rewards, trained.measures.get("tau")))
     train, num_classes = one.demos.batch("train"), len(one.demos.demo_set.classes)
     lost, count = trained.diverged, len(one.keys)
     first = next(i for i in range(count) if i not in lost)
@@ -105,5 +105,7 @@ def learn(
     for i, key in enumerate(one.keys):
         at = first if i in lost else i
         of = jax.tree.map(lambda x, at=at: x[at], params)
-        found[key] = TrainedReward(of, float(tau[at]), train, num_classes, lost.get(i))
+        found[key] = TrainedReward(
+            of, None if tau is None else float(tau[at]), train, num_classes, lost.get(i)
+        )
     return found

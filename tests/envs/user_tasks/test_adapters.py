@@ -2,6 +2,7 @@
 
 import types
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -83,7 +84,9 @@ class _Jumanji:
 
     def _timestep(self, table, time):
         kind = jnp.where(time == 0, 0, jnp.where(time >= 4, 2, 1))
-        seen = types.SimpleNamespace(step_type=kind, reward=0.0, observation={"table": table})
+        seen = types.SimpleNamespace(
+            step_type=kind, reward=0.0, discount=1.0 - (kind == 2), observation={"table": table}
+        )
         return (table, time), seen
 
     def reset(self, key):
@@ -159,3 +162,65 @@ def test_jumanji_itself():
 
     scene = {"objects": ("target", "agent"), "robots": ("agent",), "success": there}
     _holds(of_jumanji(jumanji.make("Maze-v0"), boxes, **scene), episodes=True)
+
+
+class _Clock(NamedTuple):
+    """A state of either library: its count of steps, and whether the task is done."""
+
+    time: jax.Array
+    step_count: jax.Array
+    fell: jax.Array
+
+
+class _Limited:
+    """Both libraries' methods: falls after `falls` steps, and says that it is done after six."""
+
+    time_limit, default_params = 6, types.SimpleNamespace(max_steps_in_episode=6)
+    action_spec = types.SimpleNamespace(num_values=2)
+
+    def __init__(self, falls, discount=0.0):
+        self.falls, self.discount = falls, discount
+
+    def action_space(self, params):
+        return types.SimpleNamespace(low=-1.0, high=1.0, shape=(1,))
+
+    def reset_env(self, key, params):
+        return jnp.zeros(1), _Clock(jnp.int32(0), jnp.int32(0), jnp.bool_(False))
+
+    def step_env(self, key, state, action, params):
+        time = state.time + 1
+        state = _Clock(time, time, time >= self.falls)
+        return jnp.zeros(1), state, 0.0, state.fell | (time >= 6), {}
+
+    def reset(self, key):
+        return self.reset_env(key, None)[1], self._timestep(False)
+
+    def step(self, state, action):
+        _, state, _, done, _ = self.step_env(None, state, action, None)
+        return state, self._timestep(done)
+
+    def _timestep(self, done):
+        kind = jnp.where(done, 2, 1)
+        return types.SimpleNamespace(
+            step_type=kind, reward=0.0, observation=jnp.zeros(1),
+            discount=jnp.where(done, self.discount, 1.0) * jnp.ones(2),  # of two agents
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("adapt", [of_gymnax, of_jumanji])
+def test_a_library_s_time_limit_is_no_end_of_the_task(adapt):
+    boxes = lambda state: (jnp.zeros((1, 2)), jnp.ones((1, 2)))  # noqa: E731
+
+    def ends(env):
+        task = adapt(env, boxes, objects=("block",), success=lambda state: state.fell)
+        assert task.episode_length == 6
+        state, found = task.reset(jax.random.key(0)), []
+        for _ in range(6):
+            state = task.step(state, jnp.zeros(task.action_size))
+            found.append(float(state.done))
+        return found
+
+    assert ends(_Limited(falls=9)) == [0, 0, 0, 0, 0, 0]
+    assert ends(_Limited(falls=4))[3] == 1
+    if adapt is of_jumanji:  # an end that Jumanji itself calls a truncation
+        assert ends(_Limited(falls=4, discount=1.0)) == [0, 0, 0, 0, 0, 0]
