@@ -14,7 +14,6 @@ from jaxtyping import Float
 from gril_jax.config import RunConfig
 from gril_jax.demos.vision import video
 from gril_jax.envs import Env
-from gril_jax.errors import ConfigError
 from gril_jax.export import policy_file
 from gril_jax.report import rates
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
@@ -133,16 +132,10 @@ class TrainedPolicy:
 
         Raises:
           ConfigError: the policy is more than one plain network.
-          RunError: the file exists or cannot be written.
+          RunError: it is not finite, or the file exists or cannot be written.
         """
-        require_plain(self.config)
-        arrays = policy_file.policy_arrays(_at(self.parameters, self.best))
-        env, objects = self.task, []
-        if self.algorithm.episodes.observe_activity:
-            label = jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0))
-            objects = [env.classes[i] for i in np.asarray(label)]
-        description = policy_file.describe(self.config, env, arrays, objects)
-        policy_file.write(Path(path), arrays, description)
+        policy = _at(self.parameters, self.best)
+        policy_file.save(Path(path), self.config, self.algorithm, policy)
 
     @classmethod
     def of_run(cls, folder: Path) -> "TrainedPolicy":
@@ -164,6 +157,7 @@ class TrainedPolicy:
         config = dataclasses.replace(
             config,
             env=policy_file.env_of(about, path),
+            pool=policy_file.pool_of(about["activity"]),
             ppo=dataclasses.replace(
                 config.ppo, hidden=hidden, observe_activity=about["activity"] is not None
             ),
@@ -190,28 +184,6 @@ class TrainedPolicy:
         return evaluation.rates_of(
             config, jax.device_put(params), reward, episodes=episodes, seed=seed
         )
-
-
-def require_plain(config: RunConfig) -> None:
-    """Raises ConfigError if a policy is more than one plain network, which no policy file holds."""
-    ppo, section = config.ppo, getattr(config, config.run.algorithm)
-    if section.observe_gradient:
-        raise ConfigError(
-            f"the policy sees the gradient of its reward ({config.run.algorithm}.observe_gradient "
-            "is true), but a policy file holds no reward"
-        )
-    if config.run.algorithm != "ppo":
-        return
-    found = {
-        "sub-policies": ("sub_policies", config.sub_policies, config.sub_policies > 1),
-        "a network that reads objects one by one": ("by_object", ppo.by_object, ppo.by_object),
-    }
-    for what, (name, value, holds) in found.items():
-        if holds:
-            raise ConfigError(
-                f"the policy is {what} (ppo.{name} is {value}), but a policy file holds one plain "
-                "network"
-            )
 
 
 def _at(tree: Any, index: int) -> Any:

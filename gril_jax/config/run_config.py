@@ -295,3 +295,22 @@ class StageOptions:
     """Folder of the run's demonstration set now; None: where it was, or beside the run."""
     task: str | None = None
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
+
+
+def require_one_network(config: RunConfig) -> None:
+    """Raises ConfigError if a policy is more than one plain network, which no policy file holds."""
+    algorithm, ppo = config.run.algorithm, config.ppo
+    faults = {
+        f"sees the gradient of its reward ({algorithm}.observe_gradient is true), but a policy "
+        "file holds no reward": getattr(config, algorithm).observe_gradient,
+        f"is {config.sub_policies} sub-policies, chosen by the learned reward's stages, but a "
+        "policy file holds one network": config.sub_policies > 1,
+        "reads its observation object by object (ppo.by_object is true), but a policy file holds "
+        "plain layers": algorithm == "ppo" and ppo.by_object,
+    }
+    for fault, holds in faults.items():
+        if holds:
+            raise ConfigError(
+                f"the policy {fault}: act with policy.actor() or "
+                "gril_jax.load_policy(RUN).actor() in Python"
+            )

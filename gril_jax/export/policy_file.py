@@ -34,7 +34,7 @@ import dataclasses
 import inspect
 import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol, get_type_hints, runtime_checkable
 
@@ -43,13 +43,14 @@ import numpy as np
 from jaxtyping import Float
 
 from gril_jax.config import EnvConfig, MakeDemosConfig, RunConfig
-from gril_jax.config.run_config import check
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.config.run_config import check, require_one_network
 from gril_jax.config.tables import fits
 from gril_jax.errors import ConfigError, GrilError, RunError, ShapeError, is_printable
 from gril_jax.graphs import activity_rule
+from gril_jax.graphs.activity_rule import ActivityRule
 from gril_jax.rl import training
 from gril_jax.rl.policy import MAX_OBSERVATION, Policy
-from gril_jax.runs.checkpoints import checkpoint
 from gril_jax.runs.reading import package_versions
 from gril_jax.safe_files import new_file, writing
 
@@ -73,29 +74,23 @@ class SizedTask(Protocol):
     action_size: int
 
 
-def main(
-    folder: Path,
-    out: Path,
-    config: RunConfig,
-    algorithm: training.Algorithm,
-    hyper: Any,
-    *,
-    echo: Callable[[str], None] = print,
-) -> None:
-    """Writes the newest policy of a run to a new file; its algorithm is built from its config. A
-    RunError if the run has no policy or a broken one, or the file exists or cannot be written; a
-    ShapeError if the task misnames its numbers."""
-    found = checkpoint.newest(folder, "policy")
-    fresh = jax.jit(algorithm.init)(jax.random.key(0), hyper)
-    arrays = policy_arrays(checkpoint.restore(found, algorithm.policy(fresh)))
+def save(out: Path, config: RunConfig, algorithm: training.Algorithm, policy: Policy) -> None:
+    """Writes a policy to a new file; its algorithm is built from its config.
+
+    Raises:
+      ConfigError: the policy is more than one plain network.
+      RunError: it is not finite, or the file exists or cannot be written.
+      ShapeError: the task misnames its numbers.
+    """
+    require_one_network(config)
+    arrays = policy_arrays(policy)
     if broken := [name for name, array in arrays.items() if not np.isfinite(array).all()]:
-        raise RunError(f"{broken[0]} of the policy in {found} is not finite: train it again")
-    episodes, objects = algorithm.episodes, []
-    if episodes.observe_activity:
-        labels = fresh.envs.running.state.objects.label[0]
-        objects = [episodes.env.classes[i] for i in np.asarray(labels)]
-    write(out, arrays, describe(config, episodes.env, arrays, objects))
-    echo(f"wrote {out}")
+        raise RunError(f"{broken[0]} of the policy is not finite: train it again")
+    env, objects = algorithm.env, []
+    if algorithm.episodes.observe_activity:
+        label = jax.jit(lambda key: env.reset(key).objects.label)(jax.random.key(0))
+        objects = [env.classes[i] for i in np.asarray(label)]
+    write(out, arrays, describe(config, env, arrays, objects))
 
 
 def policy_arrays(policy: Policy) -> dict[str, Float[np.ndarray, "..."]]:
@@ -129,7 +124,8 @@ def describe(
       observation: name and range of each input, in order, activity bits included.
       activity: None, or the range of the activity bits, their objects, and the rule: a bit is 0
         when an episode begins and becomes 1 for good when the centre of the object's box lies more
-        than `tau` box diagonals from where it was `window` control steps before.
+        than `tau` box diagonals from where it was `window` control steps before. `smoothing` and
+        `noise` are those of `gril_jax.graphs.activity`.
       action: name, range and limits of each number of the action.
       control_hz: actions a second.
       env: the task's settings in the run.
@@ -141,8 +137,7 @@ def describe(
         "start": num_own,
         "stop": num_own + len(objects),
         "objects": [*objects],
-        "tau": config.pool.tau,
-        "window": config.pool.window,
+        **config.pool.rule(),
     }
     return {
         "format": FORMAT,
@@ -227,6 +222,18 @@ def env_of(about: dict[str, Any], path: Path) -> EnvConfig:
     return config
 
 
+def pool_of(activity: dict[str, Any] | None) -> PoolConfig:
+    """The section of a run with the activity rule of a policy file; a ValueError without one."""
+    if activity is None:
+        return PoolConfig()
+    given = {name: activity[name] for name in ActivityRule._fields if name in activity}
+    rule = activity_rule.from_json(given)
+    pool = PoolConfig(window=rule.window, noise=rule.noise)
+    if ActivityRule(**pool.rule()) != rule:
+        raise ValueError("the rule of activity must be one that a run can have")
+    return pool
+
+
 def _check(about: dict[str, Any]) -> None:
     """Raises ValueError unless the description says what this package's networks do."""
     layers, (start, stop) = about["layers"], about["output"]["mean"]
@@ -249,7 +256,7 @@ def _check(about: dict[str, Any]) -> None:
 
 def _check_bits(activity: dict[str, Any], stop: int) -> None:
     """Raises ValueError unless the activity bits are the last ones of the observation."""
-    activity_rule.from_json({"tau": activity["tau"], "window": activity["window"]})
+    pool_of(activity)
     objects, found = activity["objects"], [activity["start"], activity["stop"]]
     if not fits(objects, tuple[str, ...]) or not objects:
         raise ValueError("the objects of activity must be a list of names")

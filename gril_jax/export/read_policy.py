@@ -30,6 +30,9 @@ _ACTIVATIONS = {
 }
 
 
+_NO_BITS = {"objects": [], "tau": 0.0, "window": 1, "smoothing": 1, "noise": None}
+
+
 class Policy:
     """The deterministic policy of a file: policy(observation (..., O)) is the action (..., A)."""
 
@@ -53,22 +56,32 @@ class Policy:
         """The policy for one episode: act(own, center, size) is the action (A,) of a control step.
 
         `own` (O - N,) is the observation without activity bits. `center` and `size` (N, 2) are the
-        boxes, in world units, of `about["activity"]["objects"]`. The bits are computed from them; a
-        box that is not finite has not moved. Without such bits in the file, N is 0.
+        boxes, in world units, of `about["activity"]["objects"]`. The bits are computed from them as
+        `gril_jax.graphs.activity` does; a box that is not finite has not moved. Without such bits
+        in the file, N is 0.
         """
-        rule = self.about.get("activity") or {"objects": [], "tau": 0.0, "window": 1}
-        count = len(rule["objects"])
-        past, active = collections.deque(maxlen=rule["window"]), np.zeros(count, bool)
+        rule = _NO_BITS | (self.about.get("activity") or {})
+        count, window, median = len(rule["objects"]), rule["window"], rule["smoothing"]
+        recent, past = collections.deque(maxlen=median), collections.deque(maxlen=window)
+        active, origin, frame = np.zeros(count, bool), None, -1
+        # The variance of the difference of two medians, in five deviations.
+        jitter = (rule["noise"] or 0.0) ** 2 * 25 * np.pi / (median + np.pi / 2 - 1)
 
         def act(own, center=(), size=()):
+            nonlocal origin, frame
             center, size = (np.reshape(x, (-1, 2)).astype(np.float32) for x in (center, size))
             if not len(center) == len(size) == count:
                 raise ValueError(
                     f"center and size must have the {count} boxes of {rule['objects']}"
                 )
-            away = np.square(center - (past[0] if past else center)).sum(1)
+            recent.extend([center] * (1 if recent else median))
+            center, frame = np.median(recent, axis=0).astype(np.float32), frame + 1
+            if frame < median:  # the first frames find where an object is
+                origin = center
+            before = origin if frame < window + median - 1 else past[0]
+            away = np.square(center - before).sum(1)
             threshold = np.float32(rule["tau"]) ** 2 * np.square(size).sum(1)
-            active[:] |= (away > threshold) & np.isfinite(away)
+            active[:] |= (away > np.fmax(threshold, np.float32(jitter))) & np.isfinite(away)
             past.append(center)
             return self(np.concatenate([np.asarray(own, np.float32), active]))
 
@@ -160,6 +173,10 @@ def _check_policy(about, arrays):
         _require(type(rule["objects"]) is list, "its objects are no list")
         _require(type(rule["window"]) is int and 0 < rule["window"] <= 2**20, "no such window")
         _require(type(rule["tau"]) in (int, float) and 0 <= rule["tau"] <= 1e6, "no such tau")
+        median, noise = rule.get("smoothing", 1), rule.get("noise")
+        _require(type(median) is int and 0 < median < 100 and median % 2, "no such smoothing")
+        known = noise is None or (type(noise) in (int, float) and 0 <= noise <= 1e6)
+        _require(known, "no such noise")
 
 
 def _check_range(arrays, layers):

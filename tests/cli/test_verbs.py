@@ -214,15 +214,15 @@ def test_export_of_a_policy_builds_the_run_s_own_algorithm(experiment, trained, 
         "policy_setup",
         _PIPELINE,
         make_algorithm=lambda config, env: ("ppo", config, env),
-        algorithm_hyper=lambda config: ("hyper", config),
+        restore_policy=lambda folder, config, algorithm: ("policy", folder),
     )
-    calls = experiment("policy_file", "gril_jax.export")
+    calls = []
+    experiment("policy_file", "gril_jax.export", save=lambda *given: calls.append(given))
     out = tmp_path / "policy.npz"
     assert main.main(["export", str(trained), "--what=policy", f"--out={out}"]) == 0
     config = RunConfig()
     algorithm = ("ppo", config, ("env", config.env, False))
-    wanted = (trained, out, config, algorithm, ("hyper", config))
-    assert calls == [(wanted, {"echo": arguments.echo})]
+    assert calls == [(out, config, algorithm, ("policy", trained))]
 
 
 def test_export_of_a_reward_hands_on_run_and_file(experiment, run, tmp_path, capsys):

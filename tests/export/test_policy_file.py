@@ -14,7 +14,8 @@ from support.probes import Probe
 
 from gril_jax.cli import main
 from gril_jax.config import EnvConfig, PPOConfig, RunConfig, RunSettings
-from gril_jax.errors import RunError, ShapeError
+from gril_jax.config.encoder import PoolConfig
+from gril_jax.errors import ConfigError, RunError, ShapeError
 from gril_jax.export import policy_file
 from gril_jax.export.read_policy import load_policy
 from gril_jax.rl import rewards
@@ -145,6 +146,8 @@ def test_the_description_says_what_a_robot_must_feed_and_gets(task, exported):
         "objects": objects,
         "tau": 0.005,
         "window": 40,
+        "smoothing": 1,
+        "noise": None,
     }
     assert [e["name"] for e in about["observation"][-4:]] == [f"{o} has moved" for o in objects]
     assert about["control_hz"] == task.env.control_hz
@@ -191,6 +194,18 @@ def test_every_depth_with_and_without_activity_bits_acts_alike(bits, hidden, tmp
     assert (about["activity"] is None) == (not bits)
     policy_file.write(tmp_path / "policy.npz", arrays, about)
     assert _compare(algorithm, policy, load_policy(tmp_path / "policy.npz")) < 1e-5
+
+
+def test_a_file_keeps_the_activity_rule_of_detected_boxes():
+    pool = PoolConfig(window=7, noise=0.05)
+    config = dataclasses.replace(RunConfig(), pool=pool)
+    arrays = {"kernel_0": np.zeros((3, 2), np.float32)}
+    about = policy_file.describe(config, Probe(), arrays, ["green star"])["activity"]
+    assert policy_file.pool_of(about).rule() == pool.rule()
+    assert about["smoothing"] == 3
+    for wrong in ({"smoothing": 5}, {"tau": 0.1}, {"noise": -1.0}):
+        with pytest.raises((ValueError, ConfigError), match=r"rule of activity|noise is"):
+            policy_file.pool_of(about | wrong)
 
 
 def test_folding_is_the_normalisation_in_float64():
@@ -242,7 +257,8 @@ def test_names_that_do_not_fit_the_sizes_are_refused():
 
 
 def _main(folder, out, algorithm):
-    policy_file.main(folder, out, RunConfig(), algorithm, Hyper(), echo=lambda line: None)
+    policy = policy_setup.restore_policy(folder, RunConfig(), algorithm)
+    policy_file.save(out, RunConfig(), algorithm, policy)
 
 
 def test_a_run_without_policy_is_refused(tmp_path):
@@ -258,7 +274,7 @@ def test_a_policy_that_is_not_finite_is_refused(tmp_path):
                           state.params.policy)  # fmt: skip
     state = state._replace(params=state.params.replace(policy=broken))
     _save_run(tmp_path / "run", algorithm, RunConfig(), state=state)
-    with pytest.raises(RunError, match=r"kernel_0 of the policy in .* is not finite"):
+    with pytest.raises(RunError, match="kernel_0 of the policy is not finite"):
         _main(tmp_path / "run", tmp_path / "policy.npz", algorithm)
     assert not (tmp_path / "policy.npz").exists()
 

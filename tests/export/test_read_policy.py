@@ -46,15 +46,19 @@ def test_the_action_is_that_of_the_layers_written_out(file):
     np.testing.assert_allclose(act(np.stack([observation] * 7))[3], wanted, rtol=1e-5)
 
 
-def test_an_episode_sees_the_activity_bits_that_training_sees(tmp_path):
-    rule = {"objects": ["green square"], "tau": 0.1, "window": 3, "start": 2, "stop": 3}
+@pytest.mark.parametrize(
+    "more", [{}, {"smoothing": 3, "noise": 0.004}, {"smoothing": 5, "noise": None}]
+)
+def test_an_episode_sees_the_activity_bits_that_training_sees(more, tmp_path):
+    rule = {"objects": ["green square"], "tau": 0.1, "window": 3, "start": 2, "stop": 3} | more
     (tmp_path / "policy.npz").write_bytes(packed(arrays(), json.dumps(ABOUT | {"activity": rule})))
     policy, drawn = load_policy(tmp_path / "policy.npz"), np.random.default_rng(3)
     pushed = 0.02 * np.maximum(np.arange(12) - 4, 0)[:, None, None]
     center = (pushed + drawn.normal(0, 0.004, (12, 1, 2))).astype(np.float32)
     center[3] = np.nan  # lost for a frame
     size, own = np.full((12, 1, 2), 0.3, np.float32), drawn.normal(size=(12, 2))
-    bits = activity.trajectory(jnp.asarray(center), jnp.asarray(size), tau=0.1, window=3)
+    options = {"tau": 0.1, "window": 3} | more
+    bits = activity.trajectory(jnp.asarray(center), jnp.asarray(size), **options)
     assert 0 < bits.sum() < 12
     act = policy.episode()
     for t in range(12):

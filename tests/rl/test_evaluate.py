@@ -101,7 +101,9 @@ def test_an_episode_that_the_task_ends_stays_there_and_what_follows_does_not_cou
     np.testing.assert_array_equal(result.reward[:, 3:], 0.0)
     assert (np.asarray(result.reward)[:, :3] != 0).all()
     np.testing.assert_allclose(result.score, 0.3)
-    where, sign = (np.asarray(x)[:, 2:4] for x in (result.states.data.where, result.states.data.sign))
+    where, sign = (
+        np.asarray(x)[:, 2:4] for x in (result.states.data.where, result.states.data.sign)
+    )
     fits = np.sign(where[:, 1, 0] - where[:, 0, 0]) == sign[:, 0]  # the third action and its sign
     np.testing.assert_array_equal(result.success, fits)
     assert 0 < fits.sum() < EPISODES

@@ -8,7 +8,7 @@ import tyro
 
 from gril_jax.config import EnvConfig, RunConfig, TaskName, Variant
 from gril_jax.config.command_line import RunFolder
-from gril_jax.config.run_config import StageOptions
+from gril_jax.config.run_config import StageOptions, require_one_network
 from gril_jax.config.tables import between, count
 from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs import run_dir
@@ -94,7 +94,7 @@ def _export(given: _Export) -> Work:
         return experiment("export_progress", folder, out, Path(given.progress), devices=True)
     if given.what == "reward":
         return experiment("export_reward", folder, out)
-    _require_one_network(folder, config)
+    require_one_network(config)
 
     def work() -> None:
         with heavy_imports(config, devices=True):
@@ -102,33 +102,11 @@ def _export(given: _Export) -> Work:
             from gril_jax.workflows.build import policy_setup, setup
         env = setup.make_env(config.env, training=False)
         algorithm = policy_setup.make_algorithm(config, env)
-        hyper = policy_setup.algorithm_hyper(config)
-        policy_file.main(folder, out, config, algorithm, hyper, echo=echo)
+        policy = policy_setup.restore_policy(folder, config, algorithm)
+        policy_file.save(out, config, algorithm, policy)
+        echo(f"wrote {out}")
 
     return work
-
-
-def _require_one_network(folder: Path, config: RunConfig) -> None:
-    """Raises RunError for a policy that is more than a file of one network can hold."""
-    ppo, algorithm = config.ppo, config.run.algorithm
-    if config.sub_policies > 1:
-        raise RunError(
-            f"the policy of {folder} is {config.sub_policies} sub-policies, chosen by the "
-            "learned reward's stages, but a policy file holds one network: act with "
-            "gril_jax.load_policy(RUN).actor() in Python, or train with --reward learned"
-        )
-    if algorithm == "ppo" and ppo.by_object:
-        raise RunError(
-            f"the policy of {folder} reads its observation object by object, but a policy file "
-            "holds plain layers: act with gril_jax.load_policy(RUN).actor() in Python, or train "
-            "with --ppo.by-object False"
-        )
-    if getattr(config, algorithm).observe_gradient:
-        raise RunError(
-            f"the policy of {folder} sees the gradient of its reward, but a policy file holds no "
-            "reward: act with gril_jax.load_policy(RUN).actor() in Python, or train with "
-            f"--{algorithm}.observe-gradient False"
-        )
 
 
 VERBS = {
