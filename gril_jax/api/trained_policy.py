@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gril_jax.config import RunConfig
+from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.demos.vision import video
 from gril_jax.envs import Env
 from gril_jax.export import policy_file
@@ -72,6 +72,8 @@ class TrainedPolicy:
     reward_parameters: Any
     """Of the policy's reward, leaves (S, ...)."""
     curves: Mapping[str, np.ndarray]
+    _evaluated: dict[EnvConfig, Algorithm] = dataclasses.field(default_factory=dict)
+    """Algorithms of the tasks that policies were evaluated in, whose programs serve again."""
 
     def __len__(self) -> int:
         return jax.tree.leaves(self.parameters)[0].shape[0]
@@ -180,10 +182,14 @@ class TrainedPolicy:
         config = self.config
         if task is not None:
             config = dataclasses.replace(config, env=inputs.env_config(task, config.env))
+        if config.env not in self._evaluated:
+            env = setup.make_env(config.env, training=False)
+            self._evaluated[config.env] = policy_setup.make_algorithm(config, env)
         params, reward = (_at(x, index) for x in (self.parameters, self.reward_parameters))
         return evaluation.rates_of(
-            config, jax.device_put(params), reward, episodes=episodes, seed=seed
-        )
+            config, jax.device_put(params), reward, episodes=episodes, seed=seed,
+            algorithm=self._evaluated[config.env],
+        )  # fmt: skip
 
 
 def _at(tree: Any, index: int) -> Any:

@@ -115,11 +115,14 @@ def rates_of(
     episodes: int,
     seed: int,
     variant: str | None = None,
+    algorithm: Algorithm | None = None,
 ) -> tuple[dict[str, Any], Evaluation]:
     """The rates of a policy with what they count, as `results.json` has them, and its episodes with
-    deterministic actions; `variant` is the one to begin in, None those of `evaluated_from`."""
-    env = setup.make_env(config.env, training=False, variant=variant)
-    algorithm = policy_setup.make_algorithm(config, env)
+    deterministic actions; `variant` is the one to begin in, None those of `evaluated_from`. The
+    configuration's algorithm may be given: what is compiled for it serves again."""
+    if algorithm is None:
+        env = setup.make_env(config.env, training=False, variant=variant)
+        algorithm = policy_setup.make_algorithm(config, env)
     key_begin, key_act = jax.random.split(jax.random.key(seed))
     among = evaluated_from(config.env)
     if variant is not None and among.own is not None:

@@ -12,6 +12,7 @@ import gril_jax as gril
 from gril_jax.cli import main
 from gril_jax.errors import ConfigError, DemoError
 from gril_jax.export.read_policy import load_policy
+from gril_jax.rl.evaluate import begin, evaluate
 
 QUIET = {"progress": False}
 
@@ -70,7 +71,10 @@ def test_a_policy_for_each_seed_has_its_curves_and_its_success(policy, task):
     found = policy.evaluate(episodes=4)
     assert found.success.shape == (2,)
     assert "mean of 2 policies" in str(found)
+    compiled = evaluate._cache_size(), begin._cache_size()
     alone = gril.evaluate(policy[1], episodes=4)
+    policy.evaluate(episodes=4, seed=7)
+    assert (evaluate._cache_size(), begin._cache_size()) == compiled  # other seeds of either kind
     np.testing.assert_array_equal(alone.success, found.success[1:])
     assert "4 starts" in str(alone)
 

@@ -42,9 +42,15 @@ def draw(
     config: EnvConfig, variant: str | None, episodes: Episodes, key: PRNGKeyArray, *, count: int
 ) -> Group:
     """So many episodes of a variant, begun by the task's own resets. The key is consumed."""
-    env = setup.make_env(config, training=False, variant=variant)
-    begun = begin(dataclasses.replace(episodes, env=env), key, episodes=count)
+    begun = begin(_among(config, variant, episodes), key, episodes=count)
     return Group(variant or "", begun, which(begun.state))
+
+
+@functools.lru_cache(maxsize=16)  # `begin` is compiled once for each
+def _among(config: EnvConfig, variant: str | None, episodes: Episodes) -> Episodes:
+    """The episodes in a variant of their task."""
+    env = setup.make_env(config, training=False, variant=variant)
+    return dataclasses.replace(episodes, env=env)
 
 
 def evaluated_from(config: EnvConfig) -> registry.Starts:
