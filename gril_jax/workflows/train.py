@@ -1,6 +1,6 @@
 """Trains a policy from videos: demonstrations, reward, policy, evaluation, report.
 
-gril quickstart                    one block, about 4 minutes on two CPU cores
+gril quickstart                    one block, 3 to 6 minutes on two CPU cores
 gril train match_regions           five blocks, sized for a GPU: see README for both results
 gril train match_regions --reward FILE|RUN    on a reward that exists: no encoder is trained
 gril train --resume RUN            go on with a run that was cut off
