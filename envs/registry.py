@@ -54,8 +54,6 @@ class TaskSpec:
     """Import path of its scripted expert, a `gril_jax.envs.base.Demonstrate`; empty: none."""
     rewards: tuple[str, ...]
     """Its own rewards, for the option `reward`; the first is the constructor's default."""
-    bench_settings: tuple[Mapping[str, Any], ...] = ({},)
-    """Options of the constructor that `gril bench env` compares."""
     bench_envs: int = 4096
     """Environments that `gril bench env` steps together on a GPU."""
     many_starts: Mapping[str, str] = dataclasses.field(default_factory=dict)

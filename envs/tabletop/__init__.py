@@ -17,10 +17,6 @@ __all__ = [
 HOME = (0.0571, -0.1029, 0.0417, -2.2644, 0.0052, 2.1616, 0.8812)
 
 REWARDS = ("staged", "stages", "sparse")
-_BENCH_SETTINGS = (
-    {}, {"iterations": 4, "ls_iterations": 6}, {"iterations": 3}, {"max_contacts": 32},
-    {"max_contacts": 16}, {"substeps": 5}, {"impl": "warp"}, {"impl": "warp", "substeps": 5},
-)  # fmt: skip
 # With the newer code generator for CPUs an arm in MJX is a thousand times slower.
 _XLA_FLAGS = MappingProxyType({"0.10.": ("--xla_cpu_use_fusion_emitters=false",)})
 
@@ -30,7 +26,7 @@ def _spec(name: str, *, config: str = "tabletop") -> TaskSpec:
     entry = f"{__name__}.tasks.{name}:ENTRY"
     return TaskSpec(
         make=f"{entry}.make", demonstrate=f"{entry}.demonstrate", rewards=REWARDS,
-        bench_settings=_BENCH_SETTINGS, varied="states of a scripted expert's episodes",
+        varied="states of a scripted expert's episodes",
         hints={"rich": "which of the task's stages have been reached"}, config=config,
         steps_in_mjx=True, xla_flags=_XLA_FLAGS,
     )  # fmt: skip

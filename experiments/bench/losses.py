@@ -25,10 +25,6 @@ try:
     from ott.geometry import costs as ott_costs
 except ImportError:
     ott_costs = None
-try:
-    from tslearn.metrics.soft_dtw_fast import _njit_soft_dtw_batch, _njit_soft_dtw_grad_batch
-except ImportError:
-    _njit_soft_dtw_batch = None
 
 _SHAPES = [(64, 64), (32, 128), (16, 256)]  # pairs, frames of both sequences
 _GPU_SHAPES = [(64, 64), (512, 256)]
@@ -58,8 +54,7 @@ def main(
 
 def not_installed() -> list[str]:
     """The packages to be compared with that are missing, as pip calls them."""
-    peers = {"ott-jax": ott_costs, "tslearn": _njit_soft_dtw_batch}
-    return [name for name, found in peers.items() if found is None]
+    return ["ott-jax"] if ott_costs is None else []
 
 
 def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, Any]:
@@ -82,8 +77,6 @@ def soft_dtw(pairs: int, frames: int, repeats: int, *, gpu: bool) -> dict[str, A
         compiled = jax.jit(both).lower(*arguments).compile()
         memory[name] = round(compiled.memory_analysis().temp_size_in_bytes / 1e6, 2)
         forms[name] = partial(compiled, *arguments)
-    if _njit_soft_dtw_batch is not None and not gpu:
-        forms["tslearn"] = partial(_tslearn, query, other)
     times = median_ms(forms, repeats, pause_s=0.01)
     case = {"pairs": pairs, "frames": frames, "ms": times, "temporary_mb": memory}
     case |= {"times_as_slow": ratios(times, "ours"), "times_the_memory": ratios(memory, "ours")}
@@ -95,23 +88,6 @@ def _squares(query, other):
     query, other = (np.asarray(x, np.float64) for x in (query, other))
     norms = (query**2).sum(-1)[:, :, None] + (other**2).sum(-1)[:, None, :]
     return np.maximum(norms - 2.0 * query @ other.transpose(0, 2, 1), 0.0)
-
-
-def _tslearn(query, other):
-    """tslearn's parallel numba loops, value and gradient with respect to the cost.
-
-    The gradient by the features, which the others' times hold, is left out in its favour.
-    """
-    cost = _squares(query, other)
-    pairs, rows, columns = cost.shape
-    sums = np.zeros((pairs, rows + 2, columns + 2))
-    _njit_soft_dtw_batch(cost, sums, _GAMMA)
-    values = sums[:, -2, -2].copy()
-    padded = np.zeros((pairs, rows + 1, columns + 1))
-    padded[:, :-1, :-1] = cost
-    gradient = np.zeros_like(sums)
-    _njit_soft_dtw_grad_batch(padded, sums, gradient, _GAMMA)
-    return values, gradient[:, 1:-1, 1:-1]
 
 
 def _gradient_errors(query, other):

@@ -52,7 +52,7 @@ def _gril(*args, cwd):
         (["sweep", "--help"], "--seeds"),
         (["sweep", "table1", "--help"], "--rows"),
         (["subtasks", "--help"], "--sets"),
-        (["bench", "env", "--help"], "--settings"),
+        (["bench", "env", "--help"], "--num-envs"),
         (["--tyro-print-completion", "bash"], "complete"),
     ],
 )

@@ -34,7 +34,6 @@ def name(request):
 def test_the_parts_of_an_entry_exist(name):
     spec, known = envs.spec(name), envs.options(name)
     assert not spec.demonstrate or callable(envs.demonstrate(name))
-    assert all(set(options) <= known for options in spec.bench_settings)
     assert {"reward", "episode_length"} <= known
     first = load(spec.config or name).env.name  # of a YAML file of its name, or of a shared one
     assert first == name or envs.spec(first).config == spec.config

@@ -14,7 +14,6 @@ def _spec(task: str, *, layout: bool = True) -> TaskSpec:
         make=f"gril_jax.envs.magical.suite.{task}",
         demonstrate="",
         rewards=("sparse",),
-        bench_settings=({"engine": "kernel"}, {"engine": "impulse"}),
         bench_envs=32_768,
         config="magical_suite",
         many_starts={"demo": "jitter"},

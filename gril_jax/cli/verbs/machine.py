@@ -201,8 +201,6 @@ class _Env:
     """Episodes in parallel; None is 256 on a CPU, and elsewhere 32,768, or 4,096 for the shoes."""
     steps: int = field(default=20, metadata=count())
     """Control steps of each timed run."""
-    settings: bool = False
-    """Measure every setting of the solver, and other engines, instead of the default alone."""
 
 
 def _benchmark(name: str, summary: str, options: type = _Nothing) -> Verb:
