@@ -297,6 +297,15 @@ class StageOptions:
     """A task of your own whose file has been moved, such as my_task.py:make; None: where it was."""
 
 
+def is_one_network(config: RunConfig) -> bool:
+    """True if a policy file can hold the policy."""
+    try:
+        require_one_network(config)
+    except ConfigError:
+        return False
+    return True
+
+
 def require_one_network(config: RunConfig) -> None:
     """Raises ConfigError if a policy is more than one plain network, which no policy file holds."""
     algorithm, ppo = config.run.algorithm, config.ppo

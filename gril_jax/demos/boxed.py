@@ -22,6 +22,7 @@ from .formats.fit import doubts, once, require_distinct, require_told_apart, wit
 from .formats.names import composed
 from .formats.record import Box, Film
 from .import_notes import Found
+from .schema import outcomes
 from .tracking.annotated import annotated, by_person, mended_between, step_of
 from .tracking.identities import in_order, linked, objects_at_once
 from .tracking.mending import Mended, mended
@@ -73,6 +74,7 @@ def of_films(
     robots = [*map(composed, robots)]
     if not isinstance(outcome, str):
         outcome = {composed(name): kind for name, kind in outcome.items()}
+    outcome = outcomes(outcome, [film.name for film in films])
     plan = _planned(folder, [*films], list(map(boxes, films)), classes, fps)
     acting = _acting(folder, plan, robots, classes)
     kinds = np.repeat([*plan.counts], [*plan.counts.values()])
@@ -85,9 +87,8 @@ def of_films(
     )
     demos, found = [], []
     for number, film in enumerate(films):
-        kind = outcome if isinstance(outcome, str) else outcome[film.name]
         demo, about = _demo(plan, number, every[number], acting, extent, noise)
-        demos.append(replace(demo, outcome=kind)), found.append(about)
+        demos.append(replace(demo, outcome=outcome[film.name])), found.append(about)
         progress(len(films))
     made = DemoSet(
         tuple(demos), task, plan.classes, float(extent), plan.fps,

@@ -20,7 +20,7 @@ from gril_jax.threads import parallel_map
 from .demo import Demo, trim_static_tail
 from .demo_set import DemoSet
 from .magical_pickles import FPS, HALF_EXTENT, list_magical, read_magical
-from .schema import ROBOTS
+from .schema import ROBOTS, outcomes
 from .vision.detect import PALETTE_CLASSES, ColourDetector, Detector
 from .vision.fills import FillDetector
 from .vision.palette import SUITE
@@ -42,7 +42,9 @@ def by_colour(
     return ColourDetector(classes, half_extent, objects=objects)
 
 
-def of_magical(folder: Path, task: str | None, progress: Callable[[int], None]) -> DemoSet:
+def of_magical(
+    folder: Path, task: str | None, progress: Callable[[int], None], source: str | None = None
+) -> DemoSet:
     """The demonstrations of MAGICAL's public `*.pkl.gz` files, their objects found by colour.
 
     Frames of the allocentric view are kept, actions are not. A demonstration is a success where
@@ -70,7 +72,7 @@ def of_magical(folder: Path, task: str | None, progress: Callable[[int], None]) 
             outcome="success" if demo.score >= 1 else "failure",
         )
 
-    source = f"MAGICAL human demonstrations, {recorded}, allocentric view"
+    source = source or f"MAGICAL human demonstrations, {recorded}, allocentric view"
     return _trimmed(
         map(seen, paths), len(paths), detector, progress, task=name, fps=FPS, source=source,
         unit=f"world units of {name}",
@@ -102,6 +104,7 @@ def of_videos(
             )
         detector = by_colour(name, half_extent)
     fps = read_fps(paths[0])
+    each = outcomes(outcome, [path.stem for path in paths])
 
     def seen(path: Path) -> Demo:
         if abs(read_fps(path) - fps) > 0.01:
@@ -110,8 +113,7 @@ def of_videos(
                 f"has {fps:g}; a demo set holds one frame rate."
             )
         tracks = detector.detect(read_video(path), name=str(path))
-        kind = outcome if isinstance(outcome, str) else outcome[path.stem]
-        return Demo(path.stem, functools.partial(_pictures, path), tracks, outcome=kind)
+        return Demo(path.stem, functools.partial(_pictures, path), tracks, outcome=each[path.stem])
 
     source = f"{len(paths)} videos of {folder.name}" if source is None else source
     return _trimmed(

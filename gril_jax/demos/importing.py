@@ -100,9 +100,13 @@ def import_videos(
     given = (robot, classes, fps, jitter, smoothing, camera)
     wrong = [name for name, value in zip(_BOXED, given, strict=True) if value]
     if visible(folder, "*.pkl.gz"):
-        wrong = [name for name in wrong if name != "fps"] + ["detect"] * (detect is not None)
-        _require_recorded(folder, fps, wrong)
-        found = detected.of_magical(folder, task, steps)
+        known = {
+            "detect": detect is not None, "half_extent": half_extent is not None,
+            "boxes": boxes not in ("auto", "colour"), "outcome": outcome != "unknown",
+        }  # fmt: skip
+        wrong = [name for name in wrong if name != "fps"]
+        _require_recorded(folder, fps, wrong + [name for name, given in known.items() if given])
+        found = detected.of_magical(folder, task, steps, source)
     elif boxes == "colour" or isinstance(boxes, Detector):
         if wrong:
             raise DemoError(f"{wrong[0]} is of boxes beside the videos, not of boxes by colour.")
@@ -166,8 +170,8 @@ def _require_recorded(folder: pathlib.Path, fps: float | None, others: Sequence[
         )
     if others:
         raise DemoError(
-            f"{others[0]} is of boxes beside videos, but {folder} holds *.pkl.gz recordings, whose "
-            "objects are found by colour."
+            f"{others[0]} is given, but {folder} holds *.pkl.gz recordings: their objects are "
+            "found by colour, and they know their size, frame rate and outcome."
         )
 
 
@@ -203,8 +207,10 @@ def _detected(
     detecting: Callable[[int, int], None] | None,
 ) -> tuple[str, Callable[[Film], list[Box]]]:
     """A sentence on the boxes that a detector finds, and what gives those of a video."""
-    found = Kept(folder, asked)(films, detecting or (lambda done, total: None))
+    kept = Kept(folder, asked)
+    found = kept(films, detecting or (lambda done, total: None))
     counted, rare = chosen(found, films, asked)
+    kept.write_counted(counted)
     words = f"{asked.words}; left out as rare: {', '.join(rare)}" if rare else asked.words
     return f"{words}\n", lambda film: counted[film.name]
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import pathlib
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -164,6 +164,19 @@ def check_tracks(
         raise DemoError(
             f"{where}: label must lie in 0 to {len(classes) - 1}, the {len(classes)} classes."
         )
+
+
+def outcomes(given: str | Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
+    """The outcome of each video by its name: the same for all, or those that are given; else
+    "unknown". A DemoError for another word, or a name that no video has."""
+    each = dict.fromkeys(names, given) if isinstance(given, str) else given
+    for name, kind in each.items():
+        if kind not in OUTCOMES:
+            known = ", ".join(OUTCOMES)
+            raise DemoError(f"outcome of {name} is {kind!r:.60}, but must be one of {known}.")
+        if name not in names:
+            raise DemoError(f"outcome is given for {name!r:.60}, but no video has that name.")
+    return {name: each.get(name, "unknown") for name in names}
 
 
 def check_boxes(tracks: Tracks, half_extent: float, where: str) -> None:

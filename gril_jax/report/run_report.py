@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gril_jax.config.run_config import is_one_network
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos.vision.video import read_fps
 from gril_jax.errors import DemoError, RunError
@@ -206,7 +207,7 @@ def _next(run: Inputs) -> list[Step]:
     steps.append(Step("Find the subtasks in the reward.", f"gril subtasks {at}"))
     if run.rows[run.config.run.algorithm]:
         steps.append(Step("Play the policy from other starts.", f"gril eval {at} --episodes 1000"))
-        if run.config.sub_policies == 1:  # a policy file holds one network
+        if is_one_network(run.config):
             export = f"gril export {at} --what policy --out policy.npz"
             steps.append(Step("Take the policy to a robot.", export))
     steps.append(

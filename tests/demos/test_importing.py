@@ -12,6 +12,7 @@ from support.scenes import scene
 
 from gril_jax.demos.demo_set import demo_batch, load_demo_set, save_demo_set
 from gril_jax.demos.importing import import_videos
+from gril_jax.demos.schema import outcomes
 from gril_jax.demos.vision.detect import PALETTE_CLASSES
 from gril_jax.demos.vision.video import write_video
 from gril_jax.errors import DemoError
@@ -94,6 +95,8 @@ def test_a_set_is_a_sequence_of_named_demonstrations_with_boxes(tmp_path):
         ({"fps": float("nan")}, "fps is nan, but must be from"),
         ({"jitter": -1.0}, "jitter is -1.0, but must be from 0"),
         ({"smoothing": 4}, "smoothing is 4, but must be odd"),
+        ({"outcome": "Failure"}, "outcome of .* is 'Failure', but must be one of success, failure"),
+        ({"outcome": {"gone": "failure"}}, "given for 'gone', but no video has that name"),
         ({"boxes": "coco"}, "boxes is 'coco', but must be auto, colour"),
         ({"boxes": "colour"}, "half_extent is None, but boxes by colour need"),
         ({"boxes": "colour", "robot": ["hand"]}, "robot is of boxes beside the videos"),
@@ -141,8 +144,15 @@ def test_options_that_contradict_recordings_are_refused(tmp_path):
     (tmp_path / "a.pkl.gz").write_bytes(b"")
     with pytest.raises(DemoError, match=r"fps is 10, but the .* recordings in .* have 8 frames"):
         import_videos(tmp_path, fps=10.0)
-    with pytest.raises(DemoError, match=r"robot is of boxes beside videos, but .* recordings"):
-        import_videos(tmp_path, robot="hand")
+    given = {"robot": "hand", "half_extent": 3.0, "outcome": "failure", "boxes": lambda film: []}
+    for name, value in given.items():
+        with pytest.raises(DemoError, match=f"{name} is given, but .* recordings: their objects"):
+            import_videos(tmp_path, **{name: value})
+
+
+def test_a_video_without_a_given_outcome_has_an_unknown_one():
+    assert outcomes("success", ["a", "b"]) == {"a": "success", "b": "success"}
+    assert outcomes({"b": "failure"}, ["a", "b"]) == {"a": "unknown", "b": "failure"}
 
 
 def test_what_was_repaired_in_time_stamps_is_in_the_notes(tmp_path):

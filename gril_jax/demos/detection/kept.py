@@ -1,6 +1,7 @@
 """Finds boxes in videos once, and keeps them beside the videos, in the folder `detected`.
 
-`detected/NAME.csv` has the sightings of a video in our own format, also those of low scores.
+`detected/NAME.csv` has the sightings of a video in our own format, also those of low scores, and
+`detected/counted/NAME.csv` those that count, to be corrected by hand.
 `detected/detector.json` says by which detector, and in which videos. A second import reads them.
 """
 
@@ -9,7 +10,7 @@ import csv
 import io
 import itertools
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from gril_jax.safe_files import write_whole
 from .sightings import Sighting
 from .wanted import Wanted
 
-FOLDER, HEADER = "detected", "detector.json"
+FOLDER, HEADER, COUNTED = "detected", "detector.json", "counted"
 _VERSION = 1
 _HEAD = (*COLUMNS, "confidence")
 _DIGITS = 2  # of a pixel
@@ -93,20 +94,35 @@ class Kept:
 
     def _write(self, film: Film, path: Path, rows: Sequence[Sequence[Sighting]]) -> None:
         """Keeps a video's sightings, unless the folder cannot be written."""
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(_HEAD)
-        for frame, row in enumerate(rows):
-            table.writerows([frame, one.name, *_rounded(one), round(one.score, 4)] for one in row)
+        text = _table(
+            [frame, one.name, *_rounded(one), round(one.score, 4)]
+            for frame, row in enumerate(rows)
+            for one in row
+        )
         self._videos = self._videos | {film.name: self._of(film)}
         header = {"version": _VERSION, "detector": self.asked.detector.key, "videos": self._videos}
         try:
             self.folder.mkdir(exist_ok=True)
-            write_whole(path, text.getvalue())
+            write_whole(path, text)
             write_whole(self.folder / HEADER, json.dumps(header, indent=1, ensure_ascii=False))
         except OSError:  # a disk to be read only, or a full one: boxes are found again next time
             with contextlib.suppress(OSError):
                 path.unlink()
+
+    def write_counted(self, counted: Mapping[str, Sequence[Box]]) -> None:
+        """Writes the boxes that count of each video, unless the folder cannot be written."""
+        folder = self.folder / COUNTED
+        with contextlib.suppress(OSError):
+            folder.mkdir(exist_ok=True)
+            for name, boxes in counted.items():
+                rows = ([one.frame, one.name, *one.edges, one.confidence] for one in boxes)
+                write_whole(folder / f"{name}.csv", _table(rows))
+
+
+def _table(rows: Iterable[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([_HEAD, *rows])
+    return text.getvalue()
 
 
 def _read(path: Path, film: Film) -> list[Box]:

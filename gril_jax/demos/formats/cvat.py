@@ -3,8 +3,8 @@
 CVAT writes a box for every frame, interpolated between those that a person drew; `outside="1"`
 means that it cannot be seen. Of a file with key frames alone, boxes lie on lines between them. A
 project's file has the tracks of several tasks, each of one video; a video's are those of the task
-of its name. A document type is refused: with it, a few lines of XML could name other files, or
-unpack to more than fits into memory.
+of its name. CVAT numbers the frames of a subset's tasks on end. A document type is refused: with
+it, a few lines of XML could name other files, or unpack to more than fits into memory.
 """
 
 import math
@@ -22,7 +22,9 @@ from .record import Box, Film, box, checked, number, read_text, whole
 
 _EDGES = ("xtl", "ytl", "xbr", "ybr")
 _SHAPES = ("polygon", "polyline", "points", "mask", "ellipse", "cuboid", "skeleton")
-_ABOUT = ("id", "name", "source", "size", "start_frame", "stop_frame", "frame_filter")  # of a task
+_ABOUT = (  # of a task
+    "id", "name", "source", "subset", "size", "start_frame", "stop_frame", "frame_filter"
+)  # fmt: skip
 
 
 class _Seen(NamedTuple):
@@ -53,7 +55,8 @@ def read(path: Path, film: Film) -> list[Box]:
         _require_length(film, reader.tasks[own], path)
     several = len(reader.tasks) > 1
     seen = [one for one in reader.boxes if not several or _task_of(one, reader.tasks) == own]
-    boxes = [_box(film, one) for one in seen]
+    before = _before(reader, path)[own] if reader.project and several else 0
+    boxes = [_box(film, one, before) for one in seen]
     if own is not None:
         _require_steps(boxes, reader.tasks[own], path)
     if own is None or _last(reader.tasks[own], path) < len(film.times) - 1:
@@ -62,7 +65,7 @@ def read(path: Path, film: Film) -> list[Box]:
     for one, each in zip(seen, boxes, strict=True):
         tracks.setdefault(id(one.track), []).append(Key(each.frame, each))
     for one in reader.hidden:
-        frame = whole(one.fields.get("frame"), "frame", one.where, least=0)
+        frame = whole(one.fields.get("frame"), "frame", one.where, least=0) - before
         tracks.setdefault(id(one.track), []).append(Key(frame, None))
     return checked(boxes + between(film, [*tracks.values()]), path, film)
 
@@ -134,9 +137,7 @@ def _last(task: dict[str, str], path: Path) -> int:
 
 def _require_steps(boxes: list[Box], task: dict[str, str], path: Path) -> None:
     """Raises DemoError if a task of every so many frames, or of a part, has boxes of others."""
-    found = re.fullmatch(r"step\s*=\s*(\d{1,6})", task.get("frame_filter", "").strip())
-    step = int(found[1]) if found else 1
-    first = whole(task.get("start_frame") or 0, "start_frame", str(path), least=0)
+    first, step = _first_and_step(task, path)
     if early := [one for one in boxes if one.frame < first]:
         raise DemoError(
             f"{early[0].where}: a box of frame {early[0].frame}, but the task begins at frame "
@@ -149,11 +150,34 @@ def _require_steps(boxes: list[Box], task: dict[str, str], path: Path) -> None:
         )
 
 
-def _box(film: Film, one: _Seen) -> Box:
+def _first_and_step(task: dict[str, str], path: Path) -> tuple[int, int]:
+    found = re.fullmatch(r"step\s*=\s*(\d{1,6})", task.get("frame_filter", "").strip())
+    first = whole(task.get("start_frame") or 0, "start_frame", str(path), least=0)
+    return first, int(found[1]) if found else 1
+
+
+def _before(reader: "_Reader", path: Path) -> list[int]:
+    """The number that each task of a project adds to its frames: those of the subset's tasks before
+    it. All are 0 where a box has a smaller number, so that each task counts by itself."""
+    added, total, subset = [], 0, None
+    for task in reader.tasks:
+        if task.get("subset") != subset:
+            total, subset = 0, task.get("subset")
+        added.append(total)
+        first, step = _first_and_step(task, path)
+        total += first + step * whole(task.get("size") or 0, "size", str(path), least=0)
+    for one in reader.boxes + reader.hidden:
+        frame = whole(one.fields.get("frame", 0), "frame", one.where, least=0)
+        if frame < added[_task_of(one, reader.tasks)]:
+            return [0] * len(added)
+    return added
+
+
+def _box(film: Film, one: _Seen, before: int) -> Box:
     fields, where = one.fields, one.where
     if lacks := [key for key in ("frame", *_EDGES) if key not in fields]:
         raise DemoError(f"{where}: the box has no {lacks[0]!r}.")
-    frame = whole(fields["frame"], "frame", where, least=0)
+    frame = whole(fields["frame"], "frame", where, least=0) - before
     edges = _upright([number(fields[key], key, where) for key in _EDGES],
                      number(fields.get("rotation", 0), "rotation", where))  # fmt: skip
     label, track = one.track.get("label"), one.track.get("id")
@@ -182,7 +206,7 @@ class _Reader:
         self.hidden: list[_Seen] = []  # at a frame where an object goes out of sight
         self.tasks: list[dict[str, str]] = []
         self.sizes: list[tuple[str, int | None, str, str]] = []  # side, task, text, where
-        self.annotations = False
+        self.annotations = self.project = False
         self.track: dict[str, str] | None = None
         self.inside: list[str] = []
         self.text = ""
@@ -204,6 +228,7 @@ class _Reader:
         self.inside.append(name)
         self.text = ""
         self.annotations |= name == "annotations"
+        self.project |= name == "project"
         if len(self.inside) > 100:
             raise DemoError(f"{self.where}: elements are nested too deeply for CVAT's.")
         if name == "image":

@@ -4,6 +4,7 @@ A names file beside the boxes or the video has the name of a class in each line.
 """
 
 import configparser
+import functools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,7 +47,8 @@ def read_mot(path: Path, film: Film) -> list[Box]:
     Frames count from 1, or from 0 if one is 0, and pixels from 0, as trackers write them. (In
     MOTChallenge's own ground truth all boxes lie one pixel to the lower right, as its tools know.)
     A box with a confidence of 0 does not count, and an id below 0 is none. A class is a name, or a
-    number of the names file. Its first line is class 1, or class 0 if a box is of class 0.
+    number of the names file. Its first line is class 1, or class 0 if a box is of class 0. A frame
+    or class 0 counts in any text of the folder: a video may not show the first class.
     """
     texts = enumerate(read_text(path).splitlines(), 1)
     lines = [(f"{path}, line {n}", _cells(text)) for n, text in texts if is_said([text])]
@@ -58,10 +60,9 @@ def read_mot(path: Path, film: Film) -> list[Box]:
                 "height, confidence, class."
             )
     frames = [whole(cells[0], "frame", where, least=0) for where, cells in lines]
-    begin = 0 if 0 in frames else 1
     file, names = names_beside(path, film.path)
-    numbers = [cells[7] for _, cells in lines if len(cells) > 7 and is_number(cells[7])]
-    first = 0 if any(float(text) == 0 for text in numbers) else 1
+    each = [_zeros(one, one.stat().st_mtime_ns) for one in _texts(path)]
+    begin, first = (0 if any(zeros) else 1 for zeros in zip(*each, strict=True))
     found = []
     for frame, (where, cells) in zip(frames, lines, strict=True):
         told = len(cells) > 6 and not unseen(cells[6:7])
@@ -77,6 +78,27 @@ def read_mot(path: Path, film: Film) -> list[Box]:
                 track=cells[1])
         )  # fmt: skip
     return checked(require_all_seen(path, film, found), path, film)
+
+
+def _texts(path: Path) -> list[Path]:
+    """The text and all others of its kind beside it, but those of names."""
+    beside = [one for one in path.parent.glob(f"*{path.suffix}") if one.is_file()]
+    return [path, *(one for one in beside if one.name not in FILES)]
+
+
+@functools.lru_cache(maxsize=1024)
+def _zeros(path: Path, _: int) -> tuple[bool, bool]:
+    """Whether a text of boxes has a frame 0, and a class 0; of another text neither."""
+    try:
+        text = read_text(path)
+    except DemoError:
+        return False, False
+    if not is_mot(text):
+        return False, False
+    lines = [cells for line in text.splitlines() if is_said(cells := _cells(line))]
+    columns = ([x[at] for x in lines if len(x) > at and is_number(x[at])] for at in (0, 7))
+    frame, kind = (any(float(x) == 0 for x in column) for column in columns)
+    return frame, kind
 
 
 def _require_sequence(path: Path, film: Film) -> None:

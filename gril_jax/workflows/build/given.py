@@ -22,11 +22,12 @@ class Given(NamedTuple):
     starts: str
     observation: str
     reward: str
+    ends: str
 
     def __str__(self) -> str:
         return (
             f"{self.assistance}: training episodes begin at {self.starts}; the policy sees "
-            f"{self.observation}; the reward is {self.reward}; episodes end by time"
+            f"{self.observation}; the reward is {self.reward}; episodes end {self.ends}"
         )
 
 
@@ -45,7 +46,8 @@ def given(config: RunConfig) -> Given:
     if getattr(config, config.run.algorithm).observe_gradient:
         hints.append("the gradient of the learned reward")
     seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
-    return Given(assistance, f"{starts}{resets}", seen, _reward(config, task))
+    ends = "by time, or where the task ends them" if chosen.is_own else "by time"
+    return Given(assistance, f"{starts}{resets}", seen, _reward(config, task), ends)
 
 
 def _resets(config: RunConfig) -> tuple[str, str]:

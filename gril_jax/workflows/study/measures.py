@@ -18,12 +18,12 @@ from gril_jax import reward
 from gril_jax.compilation import ahead, compiler
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.grid import with_seed
-from gril_jax.export.reward_file import save_reward
 from gril_jax.metrics.order import two_way_cycle_consistency
 from gril_jax.pretraining import pretrain
 from gril_jax.runs.progress import Progress
 from gril_jax.runs.run_dir import RunDir
 from gril_jax.types import DemoBatch
+from gril_jax.workflows import export_reward
 from gril_jax.workflows.build import setup, vocabulary
 from gril_jax.workflows.build.demonstrations import Demonstrations
 from gril_jax.workflows.learning import diverged
@@ -219,15 +219,10 @@ class Files(Measure):
         words = vocabulary.of_task(env, config.env.name)
         out = root(self.run) / "rewards"
         out.mkdir(parents=True, exist_ok=True)
-        encoder = setup.encoder_config(config, len(words.classes))
-        rule = {x: getattr(config.pool, x) for x in ("tau", "window", "smoothing", "noise")}
         sound = {i: one for i, one in enumerate(found) if not one.diverged}
         names = {i: f"{stem}-{config.run.seed + i}" for i in sound}
         for i, one in sound.items():
-            save_reward(
-                out / f"{names[i]}.npz", one.params, encoder,
-                classes=words.classes, robots=words.robots, objects=words.objects, activity=rule,
-                half_extent=words.half_extent, unit=words.unit,
-                provenance={"kendall_tau": one.tau, "seed": config.run.seed}, overwrite=True,
-            )  # fmt: skip
+            known = {"kendall_tau": one.tau}
+            learned = export_reward.described(with_seed(config, i), one.params, words, known)
+            learned.save(out / f"{names[i]}.npz", overwrite=True)
         return {"files": [*names.values()]}

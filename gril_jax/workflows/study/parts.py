@@ -118,19 +118,17 @@ def _begin(folder: Path, plan: Plan) -> None:
 
 def _failed(folder: Path, codes: Mapping[Path, int]) -> dict[int, str]:
     """The rows of the parts that failed, and of those whose process has died."""
-    found = results.read(folder)
-    names = found.names
-    failed = {names.index(name): said for name, said in found.failed.items()}
+    found, failed = results.read(folder), {}
     done = "env_steps" if found.plan.study.policies else "tau"
     complete = {(line["row"], line["seed"]) for line in found.lines if done in line}
-    for part, code in codes.items():
-        if code == 0 or part not in saved.left(folder):
-            continue
-        said, own = _last_words(part, code), saved.read(part)
+    dead = {part for part, code in codes.items() if code and part in saved.left(folder)}
+    for part in saved.parts(folder):  # what the run itself has noted is of an earlier try
+        own, noted = saved.read(part), reading.read_phases(part).finished.get(results.FAILED, {})
         for name, seeds in own.work.items():
-            start = own.config.run.seed
-            if any((name, start + seed) not in complete for seed in seeds):
-                failed.setdefault(names.index(name), said)
+            cell, start = found.names.index(name), own.config.run.seed
+            said = noted.get(str(cell)) or (_last_words(part, codes[part]) if part in dead else "")
+            if said and any((name, start + seed) not in complete for seed in seeds):
+                failed.setdefault(cell, said)
     return failed
 
 

@@ -164,6 +164,15 @@ def test_numbered_classes_of_motchallenge_may_begin_with_0(tmp_path):
     ]
 
 
+def test_a_frame_0_and_a_class_0_count_for_all_texts_of_a_folder(tmp_path):
+    """A video that does not show the first class, and nothing in its first frame."""
+    (tmp_path / "names.txt").write_text("\n".join(NAMES))
+    (tmp_path / "a.txt").write_text("1,1,0,0,9,9,1,1,1\n2,1,0,0,9,9,1,1,1\n")
+    assert {(b.frame, b.name) for b in boxes_of(film(tmp_path))} == {(0, NAMES[0]), (1, NAMES[0])}
+    (tmp_path / "b.txt").write_text("0,1,0,0,9,9,1,0,1\n")
+    assert {(b.frame, b.name) for b in boxes_of(film(tmp_path))} == {(1, NAMES[1]), (2, NAMES[1])}
+
+
 WRITTEN = sorted((TESTS / "data" / "boxes").iterdir())
 
 

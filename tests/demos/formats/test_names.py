@@ -59,16 +59,18 @@ def test_a_class_may_have_joiners_inside_but_no_other_control_characters():
             class_name(wrong, "x")
 
 
-def cvat(folder, tasks, tracks):
-    """`tasks` are (id, name, source); `tracks` the further field of one at x = 10, 20, ..."""
+def cvat(folder, tasks, tracks, frames=(0, 0, 0), more=("", "", "")):
+    """`tasks` are (id, name, source); `tracks` the further field of one at x = 10, 20, ..., which
+    has a box in one of `frames`; `more` is said of each task."""
     size = f"<original_size><width>{W}</width><height>{H}</height></original_size>"
     meta = "".join(
-        f"<task><id>{i}</id><name>{name}</name><source>{source}</source>{size}</task>"
-        for i, name, source in tasks
+        f"<task><id>{i}</id><name>{name}</name><source>{source}</source>{size}{said}</task>"
+        for (i, name, source), said in zip(tasks, more, strict=False)
     )
     boxes = "".join(
         f'<track id="{n}" label="cup" {task}>'
-        f'<box frame="0" outside="0" xtl="{10 * n + 10}" ytl="1" xbr="{10 * n + 15}" ybr="9"/>'
+        f'<box frame="{frames[n]}" outside="0" '
+        f'xtl="{10 * n + 10}" ytl="1" xbr="{10 * n + 15}" ybr="9"/>'
         "</track>"
         for n, task in enumerate(tracks)
     )
@@ -86,6 +88,31 @@ def test_a_project_of_cvat_gives_each_video_its_own_tracks(tmp_path):
     assert left(tmp_path, "b.mp4") == {20.0}
     cvat(tmp_path, [(7, "x", "a.mp4"), (8, "b", "y.mp4")], ["source='a.mp4'", "task='b'"])
     assert (left(tmp_path), left(tmp_path, "b.mp4")) == ({10.0}, {20.0})
+
+
+SIZE = "<size>5</size>"
+IN_STEPS = "<size>2</size><start_frame>1</start_frame><frame_filter>step=2</frame_filter>"
+
+
+@pytest.mark.parametrize(
+    ("frames", "more", "found"),
+    [
+        ((4, 5 + 3, 10 + 2), (SIZE, SIZE, SIZE), (4, 3, 2)),  # as CVAT writes them
+        ((4, 5 + 3, 2), (SIZE, SIZE + "<subset>x</subset>", SIZE), (4, None, 2)),
+        ((4, 3, 5 + 2), (SIZE, *[SIZE + "<subset>x</subset>"] * 2), (4, 3, 2)),
+        ((3, 5 + 3, 10 + 2), (IN_STEPS, SIZE, SIZE), (3, 3, 2)),  # 1 + 2 x 2 frames of the first
+        ((4, 3, 2), (SIZE, SIZE, SIZE), (4, 3, 2)),  # each task by itself
+    ],
+)
+def test_the_frames_of_a_project_s_tasks_follow_each_other(tmp_path, frames, more, found):
+    tasks = [(7, "a", "a.mp4"), (8, "b", "b.mp4"), (9, "c", "c.mp4")]
+    cvat(tmp_path, tasks, [f"task_id='{n}'" for n, *_ in tasks], frames, more)
+    for name, frame in zip("abc", found, strict=True):
+        if frame is None:
+            with pytest.raises(DemoError, match=r"frame 8 is beyond|8"):
+                boxes_of(film(tmp_path, f"{name}.mp4"))
+        else:
+            assert {one.frame for one in boxes_of(film(tmp_path, f"{name}.mp4"))} == {frame}
 
 
 @pytest.mark.parametrize(

@@ -143,3 +143,10 @@ def test_a_reward_file_has_the_name_of_a_row_that_learned_it(tmp_path):
     found = [TrainedReward(params, 0.0, None, 4)]
     assert measures.Files(plan, tmp_path).measure(None, CONFIG, found) == {"files": ["ours-0"]}
     assert load_reward(tmp_path / "rewards" / "ours-0.npz").classes == tuple(words)
+    noisy = changed(CONFIG, {"pool.noise": 0.01, "run.seed": 5})
+    plan = plan._replace(config=noisy, rows={"ours": noisy}, work={"ours": [0, 1]})
+    measures.Files(plan, tmp_path).measure(None, noisy, found * 2)
+    for seed in (5, 6):
+        learned = load_reward(tmp_path / "rewards" / f"ours-{seed}.npz")
+        assert learned.activity._asdict() == noisy.pool.rule()
+        assert learned.about["provenance"]["seed"] == seed

@@ -11,7 +11,7 @@ import pytest
 from gril_jax.config import RunConfig
 from gril_jax.errors import RunError
 from gril_jax.runs import run_dir
-from gril_jax.workflows.study import recipe, results, saved, summary
+from gril_jax.workflows.study import parts, recipe, results, saved, summary
 from gril_jax.workflows.study.programs import Counted
 from gril_jax.workflows.study.recipe import changed
 from gril_jax.workflows.study.results import Curve, curves, first_at, in_last_tenth, numbers
@@ -67,6 +67,18 @@ def test_a_seed_that_diverged_is_left_out_and_the_others_of_its_row_stay(tmp_pat
     assert [line["seed"] for line in found.lines] == [0, 2]
     assert [line["played_score"] for line in found.lines] == [0.5, 0.7]
     assert [curve.seed for curve in found.curves] == [0, 2]
+
+
+def test_a_row_that_succeeds_in_a_later_try_has_not_failed(tmp_path):
+    with _begun(tmp_path / "run", {"own": (0, 1)}, in_parts=True) as made:
+        made.finish_phase("failed", {"0": "no memory"})
+    (tmp_path / "run" / "parts").mkdir()
+    with _begun(tmp_path / "run" / "parts" / "000", {"own": (0, 1)}) as part:
+        part.finish_phase("failed", {"0": "no memory"})
+        assert parts._failed(tmp_path / "run", {}) == {0: "no memory"}
+        part.finish_phase("failed", {})
+        _policies(part, 0, (0, 1))
+        assert parts._failed(tmp_path / "run", {}) == {}
 
 
 def _rewards(run, seeds):
