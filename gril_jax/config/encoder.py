@@ -38,7 +38,7 @@ class EncoderOptions:
     """True if the robot's node exchanges messages and counts in the latent."""
     length_unit: float = field(default=1.0, metadata=above(0))
     """World units per unit of the network's inputs, about half the scene's width. A set of your own
-    videos gives it."""
+    videos gives it where there is no task."""
     ensemble_size: int = field(default=1, metadata=between(1, 100))
     """Networks that are trained separately. The reward is that of the most pessimistic one."""
 
@@ -53,7 +53,7 @@ class PoolConfig:
     """Weight of an object that has moved. One that has not weighs 1 (Eq. 3)."""
     window: int = field(default=40, metadata=at_least(1))
     """Frames over which displacement is measured (Eq. 4). A set of your own videos takes four
-    seconds."""
+    seconds where there is no task."""
     noise: float | None = field(default=None, metadata=optional(at_least(0)))
     """Standard deviation of a detected position along one axis, world units. Displacements that it
     explains do not count. None is for exact positions. A set of your own videos gives it."""

@@ -61,21 +61,28 @@ def make(
     """Plays the task's expert, videos it, and saves what a detector reads as a set at `out`.
 
     Episodes begin in a variant; None is the task's own if that is "jitter", else "layout": then
-    they differ more than the task's, and the reward holds for all of these.
+    they differ more than the task's, and the reward holds for all of these. A task of a user's own
+    begins as it does without a variant.
 
     Raises DemoError if the expert fails too often, or lacks something that it needs.
     """
-    chosen, name = config.demos, config.env.name
+    chosen, name, own = config.demos, config.env.name, config.env.is_own
+    if own and variant is not None and "variant" not in envs.options(name):
+        raise DemoError(
+            f"the variant is {variant}, but {config.env.shown_name} takes no option variant"
+        )
+    among = {"variant": variant} if own and variant is not None else {}
     variant = variant or ("jitter" if config.env.variant == "jitter" else "layout")
     good, bad = chosen.num + chosen.num_validation, chosen.num_failures
     wanted = envs.Wanted(good, bad, seed, variant)
     phase = progress.phase("playing the expert", total=good + bad, unit="episodes")
 
     def build(**changes) -> envs.Env:
-        return setup.build(name, setup.task_options(config.env, training=False) | changes)
+        given = setup.task_options(config.env, training=False)
+        return setup.build(name, given | among | changes)
 
     try:
-        if config.env.is_own:
+        if own:
             shown = played_by_own_expert(build, wanted, phase.update)
         elif not envs.spec(name).demonstrate:
             raise envs.ExpertError(
@@ -83,7 +90,8 @@ def make(
             )
         else:
             shown = envs.demonstrate(name)(build, wanted, phase.update)
-        source = f"scripted expert, {variant} layout, seed {seed}"
+        where = "" if own and not among else f" {variant} layout,"
+        source = f"scripted expert,{where} seed {seed}"
         save = _save_videos if shown.films is None else _save_films
         return save(shown, out, progress, task=config.env.shown_name, source=source)
     except envs.ExpertError as error:

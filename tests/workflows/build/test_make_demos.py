@@ -8,11 +8,13 @@ from gril_jax.envs.base import ExpertError, Wanted
 from gril_jax.envs.tabletop import demonstrations, render
 from gril_jax.envs.tabletop.recorded import Script
 from gril_jax.envs.tabletop.tasks.shoes_in_box import ENTRY, SCRIPT
+from gril_jax.envs.user_tasks import files
+from support import own_task
 
 from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
 from gril_jax.demos.demo_set import demo_batch, load_demo_set
 from gril_jax.demos.vision.video import read_video
-from gril_jax.errors import DemoError
+from gril_jax.errors import ConfigError, DemoError
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import make_demos
 
@@ -119,3 +121,23 @@ def test_the_expert_begins_in_jitter_if_the_task_does_and_elsewhere_if_not(
         pytest.raises(DemoError, match=f"asked to begin in {places}"),
     ):
         make_demos.make(config, tmp_path / "set", progress, variant=asked)
+
+
+@pytest.mark.parametrize("asked", [None, "layout"])
+def test_a_task_of_one_s_own_begins_in_the_variant_that_is_asked_for(asked, tmp_path, monkeypatch):
+    own_task.home(tmp_path, monkeypatch)
+    made = "speed=1.0):", 'variant="easy"):\n    raise ValueError("it is " + variant)'
+    env = EnvConfig(name=f"{own_task.write(tmp_path, name='varied.py', made=made)}:make")
+    files.name(env.name)
+    with (
+        Progress(stream=io.StringIO()) as progress,
+        pytest.raises(ConfigError, match=f"it is {asked or 'easy'}"),
+    ):
+        make_demos.make(MakeDemosConfig(env=env), tmp_path / "set", progress, variant=asked)
+    plain = EnvConfig(name=f"{own_task.write(tmp_path)}:make")
+    files.name(plain.name)
+    with (
+        Progress(stream=io.StringIO()) as progress,
+        pytest.raises(DemoError, match=r"the variant is layout, but .* takes no option variant"),
+    ):
+        make_demos.make(MakeDemosConfig(env=plain), tmp_path / "set", progress, variant="layout")
