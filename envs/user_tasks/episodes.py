@@ -50,7 +50,7 @@ def findings(env: Completed) -> Iterator[Finding]:
     label, robot = states.objects.label, states.objects.is_robot
     yield _judged(
         "labels stay", (label == label[:1]).all() and (robot == robot[:1]).all(),
-        "label and is_robot stay the same",
+        "label and is_robot stay the same in an episode",
         "label or is_robot changes in an episode, but says what an object is",
     )  # fmt: skip
     checks = {"stages": lambda: _stages(env, states), "place": lambda: _placed(env, first),
@@ -83,8 +83,17 @@ def _played(env: Completed, keys: Any) -> State:
 
 
 def _rolled(move: Callable[[State, Any], State], first: State, keys: Any) -> State:
-    """All states from the first on, one move for each key: leaves (T + 1, E, ...)."""
-    _, after = jax.lax.scan(lambda states, key: (move(states, key),) * 2, first, keys)
+    """All states from the first on, one move for each key: leaves (T + 1, E, ...). An episode stays
+    where the task has ended it."""
+
+    def kept(over, old, new):
+        return jax.tree.map(lambda a, b: jnp.where(over, a, b), old, new)
+
+    def step(states, key):
+        states = jax.vmap(kept)(states.done > 0.5, states, move(states, key))
+        return states, states
+
+    _, after = jax.lax.scan(step, first, keys)
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, after)
 
 

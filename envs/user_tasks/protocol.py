@@ -23,7 +23,7 @@ _MEMORY = 1 << 24  # numbers in a state: thousands are stepped together
 def completed(task: Any, file: Path) -> Completed:
     """The user's task with all members of the contract; a TaskError of one sentence for the first
     thing that is missing or wrong."""
-    for check in (_members, _state, _step, _numbers):
+    for check in (_members, _state, _step, _place, _numbers):
         with guarded(f"the task, a {type(task).__name__},", file):
             said = check(task, file)
         if said:
@@ -93,6 +93,9 @@ def _shapes(state: Any, method: str) -> str | None:
             return f"{method} returns objects without `{name}`"
     if said := _boxes(state.objects, method):
         return said
+    moved, count = getattr(state, "moved", None), np.shape(state.objects.center)[:1]
+    if moved is not None and np.shape(moved) not in ((), count):
+        return f"{method}: moved has the shape {np.shape(moved)}, but must be {count}"
     if len(np.shape(state.obs)) != 1 or not np.size(state.obs):
         shape = np.shape(state.obs)
         return f"{method}: obs has the shape {shape}, but must be a vector of at least 1 number"
@@ -139,18 +142,40 @@ def _step(task: Any, file: Path) -> str | None:
         first, after = jax.eval_shape(both, jax.random.key(0), action)
     except FAILURES as error:
         return f"step fails as JAX compiles it ({fault(error, file)})"
-    said = _shapes(after, "step")
-    if said:
+    return _alike(first, after, "step")
+
+
+def _place(task: Any, file: Path) -> str | None:
+    """A sentence if there is a `place` that gives another structure than `reset`."""
+    if (place := member(task, "place")) is None:
+        return None
+
+    def both(key):
+        whole = complete(task.reset(key))
+        return whole, place(whole.objects.center, whole.objects.size, key)
+
+    try:
+        first, after = jax.eval_shape(both, jax.random.key(0))
+    except FAILURES as error:
+        return f"place fails as JAX compiles it ({fault(error, file)})"
+    return _alike(first, after, "place")
+
+
+def _alike(first: State, after: Any, method: str) -> str | None:
+    """A sentence if a method's state is of other shapes or types than that of `reset`."""
+    if said := _shapes(after, method):
         return said
     after = jax.eval_shape(complete, after)
     if jax.tree.structure(first) != jax.tree.structure(after):
-        return "step returns another structure than reset: the same fields must be in both states"
+        return (
+            f"{method} returns another structure than reset: the same fields must be in both states"
+        )
     pairs = zip(jax.tree.leaves_with_path(first), jax.tree.leaves(after), strict=True)
     for (path, a), b in pairs:
         if (a.shape, a.dtype) != (b.shape, b.dtype):
             return (
                 f"state{jax.tree_util.keystr(path).replace('.own', '')} is {a.dtype} {a.shape} "
-                f"after reset and {b.dtype} {b.shape} after step, but must be the same"
+                f"after reset and {b.dtype} {b.shape} after {method}, but must be the same"
             )
     return None
 

@@ -235,7 +235,7 @@ def require_possible(config: RunConfig) -> None:
 
 def _variant(chosen: EnvConfig) -> str | None:
     """The variant that a task of this configuration has; None for one without variants."""
-    return getattr(setup.make_env(chosen, training=False), "variant", None)
+    return getattr(setup.staged_env(chosen, None), "variant", None)
 
 
 def _scenes(
@@ -247,7 +247,7 @@ def _scenes(
     seed: int,
 ) -> tuple[envs.Env, tuple[str, ...], Scene]:
     """The task, the names of its objects, and first scenes with the reward's own labels."""
-    env = setup.make_env(chosen, training=False, variant=variant)
+    env = setup.staged_env(chosen, variant)
     if getattr(env, "stages", None) is None:
         raise ConfigError(
             f"the task {chosen.name} has no `stages` (see gril_jax.envs.stages), so its states "

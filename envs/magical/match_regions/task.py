@@ -29,6 +29,9 @@ TARGETS = ("green star", "green square")
 DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
 
 
+_LONG_STICK = 60  # control steps of an episode, as the original registers it
+
+
 class MatchRegions(SuiteTask):
     """The MatchRegions task; see the module docstring, and `SuiteTask` for what is not below.
 
@@ -48,7 +51,7 @@ class MatchRegions(SuiteTask):
 
     classes = CLASSES
     length = 120
-    variants, rewards = VARIANTS, rewards.REWARDS
+    variants, rewards, roles = VARIANTS, rewards.REWARDS, ()
     look = looks.X_MAGICAL
     observation_rows = None
 
@@ -76,6 +79,8 @@ class MatchRegions(SuiteTask):
         _check_blocks(targets, self.blocks, variant)
         self.plan, self._kind = starts.plan(self.blocks), observation
         self.varied_starts, self.on_the_way, self.facing = varied_starts, on_the_way, facing
+        if episode_length is None and robot == "long":
+            episode_length = _LONG_STICK
         super().__init__(
             robot=robot, physics=physics, engine=engine, variant=variant, reward=reward,
             episode_length=episode_length, substeps=substeps, iterations=iterations,
@@ -145,10 +150,10 @@ class MatchRegions(SuiteTask):
     ) -> State:
         """A start with everything where its box lies, in the order of `objects`, and at rest.
 
-        Boxes do not show angles, which are sampled; a robot that could not stand there at those
-        sampled, as one that holds a block, stands as near as it can. S4 counts from a start of the
-        task, as it would had the episode begun there. For variants with the blocks' own shapes and
-        colours.
+        Boxes do not show angles and forces, which are sampled; a robot that could not stand there
+        at those sampled, as one that holds a block, stands as near as it can. S4 counts from a
+        start of the task, as it would had the episode begun there. For variants with the blocks'
+        own shapes and colours.
         """
         key_robot, key_angle, key_there, key_start = jax.random.split(key, 4)
         radii = jnp.asarray(RADII)[jnp.asarray(self._kinds.shape)]
@@ -160,7 +165,12 @@ class MatchRegions(SuiteTask):
         pose, still = jnp.concatenate([robot, blocks]), jnp.zeros((len(blocks) + self._parts, 3))
         begun = starts.places(key_start, self.variant, self.plan, **within)
         start, goal = begun.blocks[: self.num_targets, :2], jnp.concatenate([center[0], size[0]])
-        return self.reset_to(pose, still, goal=goal, start=start)
+        made = self.reset_to(pose, still, goal=goal, start=start)
+        if not self.varies("dynamics"):
+            return made
+        key_forces = jax.random.fold_in(key, 4)
+        strengths = layouts.strengths(key_forces, self._preset, vary=True)
+        return self._observe(made.data._replace(strengths=jnp.stack(strengths)))
 
     def clearance(self, pose: Float[Array, "E 3"]) -> Float[Array, ""]:
         """Gap between the robot and the nearest block or wall, for the task's own shapes."""

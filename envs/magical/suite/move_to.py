@@ -21,6 +21,7 @@ class MoveToCorner(SuiteTask):
 
     length = 80
     plan = Plan((0.4, 0.0, 0.55 * math.pi), (Block("red square", (0.1, -0.65, 0.13 * math.pi)),))
+    roles = ()
     variants = ("demo", "jitter", "color", "shape", "dynamics", "all")
     near, anywhere = ("jitter", "all"), ()  # MAGICAL's All has no full layout here
     robot_first = True
@@ -66,6 +67,7 @@ class MoveToRegion(SuiteTask):
 
     length = 40
     plan = Plan((0.058, 0.53, -2.13), (), (Region("blue", -0.62, -0.17, 0.76, 0.75),))
+    roles = ()
     variants = ("demo", "jitter", "color", "layout", "dynamics", "all")
 
     def draw(self, keys, kinds: Kinds) -> Kinds:

@@ -67,6 +67,7 @@ class SuiteTask:
     near: tuple[str, ...] = ("jitter",)  # variants with places near those of Demo
     anywhere: tuple[str, ...] = ("layout", "countplus", "all")
     rewards: tuple[str, ...] = ("sparse",)
+    roles = ("color", "shape", "count")  # what a variant draws that its stages do not know
     look = looks.ORIGINAL  # how pictures paint floor and regions
     robot_first = False  # painted below the blocks
 
@@ -161,6 +162,11 @@ class SuiteTask:
         )
 
     # ------------------------------------------------------------ the contract
+
+    @property
+    def stages_hold(self) -> bool:
+        """True if `stages`, which know Demo's blocks, say what a success is in this variant."""
+        return not any(map(self.varies, self.roles))
 
     def varies(self, what: str) -> bool:
         """True if the variant draws this: "color", "shape", "count" or "dynamics"."""

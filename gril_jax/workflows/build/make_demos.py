@@ -183,6 +183,12 @@ def played_by_own_expert(
     shown = good[: wanted.successes] + bad[: wanted.failures]
     kinds = ["success"] * wanted.successes + ["failure"] * (len(shown) - wanted.successes)
     objects = jax.tree.map(lambda x: x[0], shown[0].objects)
+    for name in ("label", "is_robot"):
+        if any((getattr(one.objects, name)[0] != getattr(objects, name)).any() for one in shown):
+            raise ExpertError(
+                f"{name} differs between the task's episodes, but a set's objects have one order: "
+                "give each class its own place in objects"
+            )
     names = tuple(env.classes[i] for i in objects.label)
     robots = tuple(sorted({names[i] for i in np.flatnonzero(objects.is_robot)}))
     played = [Episode(kind, kind, one.data) for kind, one in zip(kinds, shown, strict=True)]

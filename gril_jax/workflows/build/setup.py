@@ -40,6 +40,22 @@ def make_env(config: EnvConfig, *, training: bool, variant: str | None = None) -
     return build(config.name, task_options(config, training=training, variant=variant))
 
 
+def staged_env(config: EnvConfig, variant: str | None) -> envs.Env:
+    """The task for an audit, in a variant in which its stages say what a success is.
+
+    None is the task's own variant, or Demo in place of one whose blocks the stages do not know;
+    such a one by its name is a ConfigError."""
+    env = make_env(config, training=False, variant=variant)
+    if getattr(env, "stages_hold", True):
+        return env
+    if variant is not None:
+        raise ConfigError(
+            f"the variant is {variant}, but the stages of {config.name} know the colours, shapes "
+            "and number of blocks of Demo alone: audit it in demo, jitter, layout or dynamics"
+        )
+    return make_env(config, training=False, variant="demo")
+
+
 def task_of(config: EnvConfig) -> envs.Env | None:
     """The task as demonstrations show it; None where there are videos alone."""
     return None if config.name == NO_TASK else make_env(config, training=False)

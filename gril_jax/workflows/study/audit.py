@@ -104,11 +104,9 @@ class Audit(Measure):
 
 
 def audited_tasks(config: EnvConfig, variants: Sequence[str]) -> dict[str, envs.Env]:
-    """The task in each variant; ConfigError if it lacks one of them, or a stage definition."""
-    found = {
-        name: setup.make_env(config, training=False, variant=None if name == OWN else name)
-        for name in variants
-    }
+    """The task in each variant; ConfigError if it lacks one of them, or a stage definition
+    for it."""
+    found = {name: setup.staged_env(config, None if name == OWN else name) for name in variants}
     if any(getattr(env, "stages", None) is None for env in found.values()):
         raise ConfigError(f"env.name is {config.name!r}, but must be a task with stages")
     return found

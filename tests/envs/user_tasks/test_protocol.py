@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs import registry
-from gril_jax.envs.user_tasks import episodes
+from gril_jax.envs.user_tasks import episodes, files
 from support import own_task
 
 from gril_jax import envs
@@ -66,6 +66,10 @@ _SEEN = "seen = Objects(center, jnp.full((3, 2), 0.2), jnp.arange(3), jnp.arange
         ("0.2 * action, -0.9, 0.9)", "jnp.log(action - 1), -0.9, jnp.nan)", "step gives a"),
         ("jnp.clip(state.data + 0.2 * action, -0.9, 0.9)", "state.data[:1]", "step"),
         ("{\"success\": (jnp.abs(puck) < 0.3).all()}", "{\"success\": puck}", "must be one number"),
+        ("metrics={", "moved=jnp.zeros(2, bool), metrics={", r"moved has the shape \(2,\), but"),
+        ("    def expert(", "    def place(self, center, size, key):\n"
+         "        return self.state(center[2])._replace(data=center)\n\n    def expert(",
+         r"float32 \(2,\) after reset and float32 \(3, 2\) after place"),
     ],
 )  # fmt: skip
 def test_what_breaks_the_contract_is_one_sentence(tmp_path, old, new, fault):
@@ -81,6 +85,9 @@ def test_options_are_those_of_the_function(tmp_path):
     assert registry.spec(f"{path}:make").rewards == ()
     assert envs.make(f"{path}:make", speed=2.0).classes == own_task.CLASSES
     assert envs.options(f"{path}:make") == {"speed"}
+    other = own_task.write(tmp_path, name="other.py", change=("speed=1.0", "**options"))
+    files.name(f"{other}:make")
+    assert envs.options(f"{other}:make") == {"variant", "reward"}  # if a run asks for them
     with pytest.raises(
         ValueError, match=r"has no option 'sped' \(did you mean 'speed'\?\): it takes"
     ):
@@ -120,3 +127,20 @@ def test_a_start_that_does_not_depend_on_its_key_alone_is_found(tmp_path):
     change = ("return self.state(jax.random.uniform(key", "self.n = getattr(self, 'n', 0) + 1\n"
               "        return self.state(self.n * 0.01 + jax.random.uniform(key")  # fmt: skip
     assert not _found(_made(tmp_path, change=change))["pure"].holds
+
+
+def test_what_follows_the_end_of_a_task_is_not_judged(tmp_path):
+    """The puck falls to where its height has no logarithm; an expert drives on after success."""
+    done = (
+        "State(puck, puck, seen,",
+        ("State(puck, puck, seen, done=jnp.asarray((puck[0] < 0.3) * 1.0),"),
+    )
+    falls = "state.data + 0.2 * action, -0.9, 0.9)", "state.data - 0.3, -9.0, 0.9) + 0 * action"
+    deep = "seen = Objects(center,", "seen = Objects(center + 0 * jnp.log(puck[0] + 0.4),"
+    start = "minval=-0.8, maxval=0.8", "minval=0.4, maxval=0.8"
+    found = _found(_made(tmp_path, one=done, two=falls, three=deep, four=start))
+    assert found["finite"].holds
+    ends = "(jnp.abs(puck) < 0.3).all()", "(puck[0] < 0.3) & (puck[0] > 0.0)"
+    on = "return -5 * state.data", "return -jnp.ones(2)"
+    found = _found(_made(tmp_path, one=done, two=ends, three=on, four=start))
+    assert "ends 100% of 16" in found["expert"].said

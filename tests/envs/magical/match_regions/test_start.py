@@ -5,6 +5,7 @@ import jax
 import numpy as np
 import pytest
 from gril_jax.envs.magical import layout as layouts
+from gril_jax.envs.magical.match_regions.task import MatchRegions
 from support import match_regions_lanes as lanes
 from support import planar_scenes, scenes
 from support.match_regions_lanes import LANES, SQUARE, STAR, observe
@@ -204,6 +205,26 @@ def test_boxes_of_a_scene_give_it_back_with_the_robot_free(jittered):
     assert np.ptp(np.asarray(placed.data.pose[:, -1, 2])) > 3
     np.testing.assert_array_equal(placed.metrics["score"], state.metrics["score"])
     np.testing.assert_array_equal(placed.data.colour, state.data.colour)
+
+
+def test_forces_are_drawn_where_the_variant_draws_them():
+    """Boxes do not show them."""
+
+    def drawn(variant):
+        env = MatchRegions(variant=variant)
+        seen = env.reset(jax.random.key(0)).objects
+        keys = jax.random.split(jax.random.key(1), 8)
+        place = jax.vmap(lambda key: env.place(seen.center, seen.size, key).data.strengths)
+        return np.ptp(np.asarray(jax.jit(place)(keys)), axis=0)
+
+    assert (drawn("dynamics") > 0).all()
+    assert (drawn("jitter") == 0).all()
+
+
+def test_an_episode_of_the_long_stick_is_as_short_as_the_original_s():
+    assert MatchRegions(robot="long").episode_length == 60
+    assert MatchRegions(robot="long", episode_length=90).episode_length == 90
+    assert MatchRegions(robot="short").episode_length == 120
 
 
 def test_a_robot_that_holds_a_block_is_put_beside_it(jittered):
