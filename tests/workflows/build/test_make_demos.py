@@ -141,3 +141,18 @@ def test_a_task_of_one_s_own_begins_in_the_variant_that_is_asked_for(asked, tmp_
         pytest.raises(DemoError, match=r"the variant is layout, but .* takes no option variant"),
     ):
         make_demos.make(MakeDemosConfig(env=plain), tmp_path / "set", progress, variant="layout")
+
+
+def test_labels_that_differ_between_episodes_are_refused(tmp_path, monkeypatch):
+    own_task.home(tmp_path, monkeypatch)
+    swapped = "jnp.arange(3),", "jnp.where(puck[0] > 0, jnp.arange(3), jnp.array([2, 1, 0])),"
+    name = f"{own_task.write(tmp_path, name='swapped.py', change=swapped)}:make"
+    files.name(name)
+    config = MakeDemosConfig(
+        env=EnvConfig(name=name), demos=DemosConfig(num=6, num_validation=2, num_failures=0)
+    )
+    with (
+        Progress(stream=io.StringIO()) as progress,
+        pytest.raises(DemoError, match="label differs between the task's episodes"),
+    ):
+        make_demos.make(config, tmp_path / "set", progress)
