@@ -262,12 +262,10 @@ def demonstrate(name: str) -> Callable[..., Any]:
 def options(name: str) -> frozenset[str]:
     """The options of a task's constructor, by its signature.
 
-    Those that it passes on as `**options` are the ones of the class that it returns. A constructor
-    of a user's own that takes any gets those that a run asks for.
+    Those that it passes on as `**options` are the ones of the class that it returns.
     """
     if is_own(name):
-        known = _keywords(constructor(name))
-        return frozenset({"variant", "reward"}) if known is None else known
+        return _keywords(constructor(name)) or frozenset()
     signature = inspect.signature(pkgutil.resolve_name(spec(name).make))
     parameters = [*signature.parameters.values()]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):

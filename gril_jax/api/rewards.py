@@ -16,7 +16,7 @@ from gril_jax.config.grid import with_seed
 from gril_jax.config.run_config import StageOptions
 from gril_jax.config.tables import require
 from gril_jax.demos.demo_set import DemoSet
-from gril_jax.errors import ConfigError
+from gril_jax.errors import ConfigError, RunError
 from gril_jax.reward import latent_reward
 from gril_jax.reward.learned_reward import LearnedReward
 from gril_jax.runs.memory import MemoryRun
@@ -246,6 +246,7 @@ def find_subtasks(
 
     Raises:
       ConfigError: a number is out of its range, or the reward does not fit the demonstrations.
+      RunError: the demonstrations agree on no end of a stage.
 
     Example:
       print(find_subtasks(reward, demos))
@@ -266,6 +267,11 @@ def find_subtasks(
         require(one.name, getattr(options, one.name), one.metadata)
     found, alone, rule = subtask_report.discover(traces, options)
     stages = subtask_report.stages_of(traces, found, alone, rule, demos.fps)
+    if not len(stages.level):
+        raise RunError(
+            "the demonstrations agree on no end of a stage, but one is needed at least: try a "
+            f"lower prominence (it was {prominence:g}), smoothing or support"
+        )
     doubts = zip(names, map(tuple, of_demonstrations(stages)), strict=True)
     shown = zip(traces.demos, stages.ends, strict=True)
     return Subtasks(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gril_jax.config import EnvConfig, RunConfig
+from gril_jax.config.tables import REWARDS
 from gril_jax.config.task import NO_TASK
 from gril_jax.demos.folders import left_by_system
 from gril_jax.envs.user_tasks import files
@@ -40,6 +41,11 @@ def run_config_of(
     if part is not None:
         reading.require_unchanged(folder, f"{part}/")
     if part is not None and not any(folder.glob(f"{part}/[0-9]*/manifest.json")):
+        if part == "reward" and not REWARDS[config.run.reward_form].learns:
+            raise RunError(
+                f"{folder} has no learned reward: its policy was trained on run.reward "
+                f"{config.run.reward!r}"
+            )
         raise RunError(f"{folder} has no {part}, so its run has not got that far yet")
     return config
 

@@ -10,7 +10,7 @@ from support import own_task
 
 import gril_jax as gril
 from gril_jax.cli import main
-from gril_jax.errors import ConfigError, DemoError
+from gril_jax.errors import ConfigError, DemoError, RunError
 from gril_jax.export.read_policy import load_policy
 from gril_jax.rl.evaluate import begin, evaluate
 
@@ -61,6 +61,11 @@ def test_a_reward_is_saved_and_loaded_bit_for_bit(rewards, tmp_path):
     again = gril.load_reward(tmp_path / "reward.npz")
     jax.tree.map(np.testing.assert_array_equal, again.params, rewards[0].params)
     assert again.about == rewards[0].about
+
+
+def test_a_reward_without_a_stage_says_which_options_find_more(rewards, demos):
+    with pytest.raises(RunError, match=r"no end of a stage, .* lower prominence \(it was 9\)"):
+        gril.find_subtasks(rewards[0], demos, prominence=9.0)
 
 
 def test_a_policy_for_each_seed_has_its_curves_and_its_success(policy, task):

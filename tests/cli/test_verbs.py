@@ -10,7 +10,7 @@ import pytest
 
 from gril_jax.cli import arguments, main, verbs
 from gril_jax.cli.verbs import machine
-from gril_jax.config import MakeDemosConfig, RunConfig
+from gril_jax.config import MakeDemosConfig, RunConfig, RunSettings
 from gril_jax.config.files import load
 from gril_jax.demos import importing
 from gril_jax.demos.demo_set import DemoSet
@@ -110,6 +110,14 @@ def test_a_run_without_a_whole_policy_has_none_to_export(run, tmp_path, capsys, 
         (run / "policy" / leftover / "manifest.json").touch()
     err = _fault(capsys, "export", str(run), "--what", "policy", "--out", "x.npz")
     assert "has no policy, so its run has not got that far yet" in err
+
+
+def test_a_run_that_learns_no_reward_is_told_so(tmp_path, capsys):
+    config = RunConfig(run=RunSettings(reward="environmental"))
+    run_dir.create(tmp_path / "run", config, device="cpu").close()
+    for verb in (["audit"], ["subtasks"], ["export", "--out", "x.npz"]):
+        err = _fault(capsys, verb[0], str(tmp_path / "run"), *verb[1:])
+        assert "has no learned reward: its policy was trained on run.reward 'environmental'" in err
 
 
 @pytest.mark.parametrize(

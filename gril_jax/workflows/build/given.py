@@ -45,7 +45,8 @@ def given(config: RunConfig) -> Given:
     assistance = "expert-state resets" if varied or hints else assistance
     if getattr(config, config.run.algorithm).observe_gradient:
         hints.append("the gradient of the learned reward")
-    seen = f"poses and velocities, and {', '.join(hints)}" if hints else "poses and velocities"
+    seen = "the task's own observation" if chosen.is_own else "poses and velocities"
+    seen = f"{seen}, and {', '.join(hints)}" if hints else seen
     ends = "by time, or where the task ends them" if chosen.is_own else "by time"
     return Given(assistance, f"{starts}{resets}", seen, _reward(config, task), ends)
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gril_jax.envs import registry
-from gril_jax.envs.user_tasks import episodes, files
+from gril_jax.envs.user_tasks import episodes
 from support import own_task
 
 from gril_jax import envs
@@ -85,9 +85,6 @@ def test_options_are_those_of_the_function(tmp_path):
     assert registry.spec(f"{path}:make").rewards == ()
     assert envs.make(f"{path}:make", speed=2.0).classes == own_task.CLASSES
     assert envs.options(f"{path}:make") == {"speed"}
-    other = own_task.write(tmp_path, name="other.py", change=("speed=1.0", "**options"))
-    files.name(f"{other}:make")
-    assert envs.options(f"{other}:make") == {"variant", "reward"}  # if a run asks for them
     with pytest.raises(
         ValueError, match=r"has no option 'sped' \(did you mean 'speed'\?\): it takes"
     ):
