@@ -33,7 +33,7 @@ _WRONG = {  # of a value's type: what a reader must not take for it
     dict: ("a", 7, [], "\x1b[31m"),
     bool: ("true", 1, None, []),
 }
-_MAY_LACK = ("pair_statistics",)  # files from before an option came
+_MAY_LACK = ("pair_statistics", "smoothing", "noise")  # files from before an option came
 _FREE = ("provenance", "reader", "gril_jax", "activity.tau", "own_options")  # any value is one
 
 

@@ -65,7 +65,7 @@ KEPT_ASIDE = {
     "the expert takes no key": ("expert(self, state, key)", "expert(self, state)", "expert failed"),
     "place gives nothing": (
         "def expert(self", "def place(self, center, size, key):\n        pass\n\n"
-        "    def expert(self", "place fails",
+        "    def expert(self", "place returns a NoneType",
     ),
     "outlines are text": ("def expert(self", "def outlines(self, data):\n        return 'a'\n\n"
                           "    def expert(self", "outlines"),
