@@ -142,7 +142,7 @@ def of_jumanji(env: Any, boxes: Boxes, **scene: Any) -> Adapted:
 
 
 def _by_itself(done: Any, time: Any, limit: Any) -> Any:
-    """Whether the task has ended, and not only its time: at the library's limit, which is the
+    """True if the task has ended, and not only its time: at the library's limit, which is the
     task's `episode_length`, the episode is cut off, and its value goes on."""
     return done if time is None or limit is None else jnp.asarray(done, bool) & (time != limit)
 

@@ -33,7 +33,8 @@ _WRONG = {  # of a value's type: what a reader must not take for it
     dict: ("a", 7, [], "\x1b[31m"),
     bool: ("true", 1, None, []),
 }
-_MAY_LACK = ("pair_statistics", "smoothing", "noise")  # files from before an option came
+_MAY_LACK = ("pair_statistics",)  # files from before an option came
+_POLICY_MAY_LACK = ("smoothing", "noise")  # beside the objects of its activity
 _FREE = ("provenance", "reader", "gril_jax", "activity.tau", "own_options")  # any value is one
 
 
@@ -58,7 +59,9 @@ def _changed(draw, tree):
     for key in path:
         holder = holder[key]
     value = holder[last]
-    if isinstance(holder, dict) and last not in _MAY_LACK and draw(st.integers(0, 4)) == 0:
+    needed = isinstance(holder, dict) and last not in _MAY_LACK
+    needed = needed and not (last in _POLICY_MAY_LACK and "objects" in holder)
+    if needed and draw(st.integers(0, 4)) == 0:
         del holder[last]
     elif value is None:
         holder[last] = draw(st.sampled_from([[1], {"a": 1}, "\x1b[31m", float("nan")]))

@@ -88,7 +88,7 @@ def _texts(path: Path) -> list[Path]:
 
 @functools.lru_cache(maxsize=1024)
 def _zeros(path: Path, _: int) -> tuple[bool, bool]:
-    """Whether a text of boxes has a frame 0, and a class 0; of another text neither."""
+    """A pair: True if a text of boxes has a frame 0, and a class 0; of another text neither."""
     try:
         text = read_text(path)
     except DemoError:

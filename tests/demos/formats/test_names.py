@@ -109,7 +109,7 @@ def test_the_frames_of_a_project_s_tasks_follow_each_other(tmp_path, frames, mor
     cvat(tmp_path, tasks, [f"task_id='{n}'" for n, *_ in tasks], frames, more)
     for name, frame in zip("abc", found, strict=True):
         if frame is None:
-            with pytest.raises(DemoError, match=r"frame 8 is beyond|8"):
+            with pytest.raises(DemoError, match="frame 8 is beyond"):
                 boxes_of(film(tmp_path, f"{name}.mp4"))
         else:
             assert {one.frame for one in boxes_of(film(tmp_path, f"{name}.mp4"))} == {frame}
