@@ -9,9 +9,9 @@ A `LearnedReward` is a pytree whose leaves are its parameters, so it may be an a
 compiled function, or a constant in one. Shapes use N for objects and T for frames; positions and
 sizes are in the world units that the reward was trained in (`gril_jax.boxes_from_pixels`).
 
-Detectors lose objects. An object whose box holds NaN or an infinite number counts as not present in
-that frame, and has not moved in it; so does one whose box is 0 wide and high. Where no object is
-left, the reward is `NOTHING_SEEN`.
+Detectors lose objects: the box then holds NaN or an infinite number. In a rollout such an object
+stays where it was last seen. In the reward of one state it counts as not present, as does one not
+yet seen and one whose box is 0 wide and high. Where no object is left, it is `NOTHING_SEEN`.
 """
 
 import dataclasses
@@ -43,7 +43,7 @@ class Memory(NamedTuple):
     """Memory of an episode, to be reset when an episode begins."""
 
     activity: activity.Memory
-    center: Float[Array, "N 2"]  # of the last frame
+    center: Float[Array, "N 2"]  # where each object was last seen
     size: Float[Array, "N 2"]
 
 
@@ -151,7 +151,7 @@ class LearnedReward:
         center, size, active = (jnp.asarray(x) for x in (center, size, active))
         nodes = self._check(center, size)
         label, is_robot = self._scene(label, is_robot)
-        finite = jnp.isfinite(center).all(axis=-1) & jnp.isfinite(size).all(axis=-1)
+        finite = _finite(center, size)
         known = present is not None
         # As in `scene_graph`: so the reward was learned.
         present = jnp.asarray(present) if known else (size != 0).any(axis=-1)
@@ -222,7 +222,8 @@ class LearnedReward:
 
         Args:
           memory: from `init` or the previous `step`; `memory.activity.active` are the bits.
-          center, size: the boxes of this frame, world units.
+          center, size: the boxes of this frame, world units; one that is not finite is that of the
+            frame before.
           label, is_robot, present: as for the reward of a state.
 
         Raises:
@@ -235,6 +236,10 @@ class LearnedReward:
                 f"center has shape {center.shape} but the memory was made for "
                 f"{memory.center.shape}; call init with this scene's first frame."
             )
+        # Left out, a lost object could raise the reward: its way to the goal would not count.
+        seen = _finite(center, size)[:, None]
+        center = jnp.where(seen, center, memory.center)
+        size = jnp.where(seen, size, memory.size)
         memory = Memory(self.activity.step(memory.activity, center, size)[0], center, size)
         return memory, self.of_memory(memory, label=label, is_robot=is_robot, present=present)
 
@@ -314,6 +319,10 @@ class LearnedReward:
         if is_robot is None:
             is_robot = jnp.array([name in self.robots for name in self.classes], bool)[label]
         return label, jnp.asarray(is_robot)
+
+
+def _finite(center, size):
+    return jnp.isfinite(center).all(axis=-1) & jnp.isfinite(size).all(axis=-1)
 
 
 def _check_labels(label, classes):

@@ -88,18 +88,41 @@ def test_where_nothing_is_left_the_reward_is_the_documented_one(kind):
     assert _value(kind)(CENTER, SIZE, np.zeros(5, bool)) != NOTHING_SEEN
 
 
-def test_a_rollout_with_lost_boxes_is_finite_and_a_lost_object_has_not_moved():
+def test_a_lost_object_stays_where_it_was_last_seen():
     center, size = (np.array(x) for x in boxes(9))
-    center[3:5, 2], center[0, 3], size[6] = np.nan, np.inf, np.nan
-    learned = _learned()
-    values = np.asarray(jax.jit(learned.trajectory)(center, size))
-    assert np.isfinite(values).all()
-    assert values[6] == NOTHING_SEEN
+    center[3:5, 2], size[6], center[8, 1, 0] = np.nan, np.nan, np.inf
+    held = center.copy(), size.copy()
+    for t in range(1, 9):
+        lost = ~(np.isfinite(center[t]).all(axis=-1) & np.isfinite(size[t]).all(axis=-1))
+        for boxes_held in held:
+            boxes_held[t, lost] = boxes_held[t - 1, lost]
+    trajectory = jax.jit(_learned().trajectory)
+    np.testing.assert_array_equal(trajectory(center, size), trajectory(*held))
+
+
+def test_an_object_that_is_seen_late_is_not_present_before():
+    center, size = (np.array(x) for x in boxes(4))
+    center[:2, 3] = np.nan
+    learned, present = _learned(), np.arange(5) != 3
+    memory = learned.init(*(jnp.asarray(x[0]) for x in (center, size)))
+    step = jax.jit(learned.step)
+    for t in range(1, 4):
+        memory, found = step(memory, center[t], size[t])
+        there = present | (t > 1)
+        filled = np.nan_to_num(center[t])
+        expected = jax.jit(learned)(filled, size[t], memory.activity.active, present=there)
+        np.testing.assert_allclose(found, expected, rtol=1e-5)
+    everything = np.full_like(center, np.nan)
+    assert (np.asarray(jax.jit(learned.trajectory)(everything, size)) == NOTHING_SEEN).all()
+
+
+def test_a_lost_box_has_not_moved():
+    size = np.asarray(boxes(9)[1])
     still = np.tile(np.asarray(CENTER), (9, 1, 1))
     still[2, 1], still[5:7, 2], still[0, 3] = np.nan, np.inf, -np.inf
     for options in ({}, {"smoothing": 3}, {"noise": 0.01}):
         run = functools.partial(activity.trajectory, tau=0.1, window=2, **options)
-        assert not jax.jit(run)(still, np.asarray(size[:1]).repeat(9, axis=0)).any()
+        assert not jax.jit(run)(still, size[:1].repeat(9, axis=0)).any()
 
 
 def test_a_real_move_is_seen_beside_lost_boxes_in_both_forms():
