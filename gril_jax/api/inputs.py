@@ -14,6 +14,7 @@ from gril_jax.config import EnvConfig
 from gril_jax.demos import importing
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.envs import Env, registry
+from gril_jax.envs.user_tasks import files
 from gril_jax.errors import ConfigError
 from gril_jax.runs.progress import Progress
 from gril_jax.types import checked
@@ -88,7 +89,7 @@ def make(name: str, **options: Any) -> Env:
     with contextlib.redirect_stdout(io.StringIO()):  # mjx reports parts that are not installed
         task = envs.make(name, **options)
     with contextlib.suppress(TypeError):  # one that takes no weak reference is an object like any
-        _MADE[task] = name, options
+        _MADE[task] = str(files.reference(name)) if files.is_reference(name) else name, options
     return task
 
 
@@ -109,17 +110,33 @@ def _made(task: Any) -> tuple[str, dict[str, Any]]:
 
 
 def env_config(task: Any, usual: EnvConfig) -> EnvConfig:
-    """The section `env` of a task: by its name as a preset has it, but an object as it is; a
-    ConfigError for what is no task."""
+    """The section `env` of a task: by its name as a preset has it, one from `make` by its name and
+    options, and any other object as it is; a ConfigError for what is no task."""
     if isinstance(task, str):
-        return dataclasses.replace(usual, name=task)
+        return dataclasses.replace(usual, name=_named(task))
     known = [field.name for field in dataclasses.fields(EnvConfig) if field.name != "options"]
     name, given = _made(task)
-    if not name or registry.is_own(name):
+    if not name or (registry.is_own(name) and not _as_text(given)):
         return EnvConfig(name=registry.lend(task))
     values = {option: _default(name, option) for option in registry.options(name)} | given
     further = tuple(f"{n}={json.dumps(x)}" for n, x in given.items() if n not in known)
     return EnvConfig(name=name, options=further, **{n: x for n, x in values.items() if n in known})
+
+
+def _named(task: str) -> str:
+    """A task's name, with the whole path of a file, which the caller has named."""
+    try:
+        return str(files.name(task)) if files.is_reference(task) else task
+    except ValueError as error:
+        raise ConfigError(f"task: {error}") from error
+
+
+def _as_text(options: dict[str, Any]) -> bool:
+    """True if a configuration can hold the options."""
+    try:
+        return json.loads(json.dumps(options)) == options
+    except (TypeError, ValueError):
+        return False
 
 
 def _default(name: str, option: str) -> Any:

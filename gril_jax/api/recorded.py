@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-from gril_jax.config.task import Places
 from gril_jax.demos.demo_set import DemoSet
 from gril_jax.runs.progress import Progress
 from gril_jax.types import checked
@@ -19,7 +18,7 @@ def record_demos(
     out: str | os.PathLike,
     *,
     preset: str | None = None,
-    variant: Places | None = None,
+    variant: str | None = None,
     seed: int = 0,
     progress: bool = True,
     **options: Any,

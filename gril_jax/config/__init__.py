@@ -8,7 +8,7 @@ from gril_jax.lazy import offer
 
 __all__, __getattr__ = offer(
     __name__,
-    task="BLOCK_COLOURS BLOCK_SHAPES DemosConfig EnvConfig TaskName Variant",
+    task="BLOCK_COLOURS BLOCK_SHAPES DemosConfig EnvConfig PLACES TaskName",
     encoder="EncoderOptions PoolConfig",
     reward="LossConfig PretrainConfig",
     run_config="MakeDemosConfig RewardSections RunConfig RunSettings",

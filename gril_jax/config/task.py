@@ -15,8 +15,8 @@ BLOCK_SHAPES = ("star", "square", "pentagon", "circle")
 
 TaskName = str  # `EnvConfig` checks it against the registry
 NO_TASK = "none"  # of a run that learns a reward from videos alone
-Variant = Literal["demo", "jitter", "layout", "color", "shape", "countplus", "dynamics", "all"]
-Places = Literal["demo", "jitter", "layout"]  # of scripted demonstrations
+VARIANTS = ("demo", "jitter", "layout", "color", "shape", "countplus", "dynamics", "all")
+PLACES = ("demo", "jitter", "layout")  # those of scripted demonstrations
 
 _BLOCKS = rule(
     lambda names: {*names} <= {f"{c} {s}" for c in BLOCK_COLOURS for s in BLOCK_SHAPES},
@@ -47,10 +47,10 @@ class EnvConfig:
         default=("blue pentagon", "yellow circle", "yellow pentagon"), metadata=_BLOCKS
     )
     """Blocks that belong outside the region."""
-    variant: Variant = "demo"
+    variant: str = "demo"
     """Randomness of the initial state: nothing (demo), places by a little (jitter) or anywhere
-    (layout), colours, shapes, these three and the number of blocks (countplus), forces
-    (dynamics), or all of it."""
+    (layout), colours (color), shapes (shape), these three and the number of blocks (countplus),
+    forces (dynamics), or all of it (all). A task of yours has variants of its own."""
     varied_starts: float = field(default=0.5, metadata=between(0, 1))
     """Fraction of training episodes with a helpful initial state: the robot anywhere and some
     targets moved, or a state of the scripted expert's episodes (table tasks)."""
@@ -76,13 +76,21 @@ class EnvConfig:
     """Keyword arguments of the task's constructor, each NAME=VALUE, such as robot=short."""
 
     def check(self) -> None:
-        """Raises ConfigError if there is no such task, or if it has no such reward."""
+        """Raises ConfigError if there is no such task, or if it has no such reward or variant."""
         if self.name == NO_TASK:
             return
+        self.require_variant("env.variant", self.variant)
         try:
             registry.check(self.name, self.reward)
         except ValueError as error:
             raise ConfigError(f"env: {error}") from None
+
+    def require_variant(
+        self, option: str, variant: str | None, known: tuple[str, ...] = VARIANTS
+    ) -> None:
+        """Raises ConfigError if no task of this package has a variant, which the option names."""
+        if variant is not None and variant not in known and not self.is_own:
+            raise ConfigError(f"{option} is {variant!r}, but must be one of {', '.join(known)}")
 
     def require_places(self, option: str, variant: str) -> None:
         """Raises ConfigError if a variant, which the option names, has no places for the blocks."""

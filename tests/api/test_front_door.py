@@ -84,11 +84,12 @@ def test_a_policy_for_each_seed_has_its_curves_and_its_success(policy, task):
     assert "4 starts" in str(alone)
 
 
-def test_a_policy_is_saved_loaded_and_filmed(policy, tmp_path):
+def test_a_policy_is_saved_loaded_and_filmed(policy, home, tmp_path):
     policy.save(tmp_path / "policy.npz")
     policy.film(tmp_path / "film.mp4", episodes=2)
     assert (tmp_path / "film.mp4").stat().st_size > 100
     again = gril.load_policy(tmp_path / "policy.npz")
+    assert again.config.env.name == f"{home / 'my_task.py'}:make"  # for other processes, too
     np.testing.assert_array_equal(
         again.evaluate(episodes=4).success, policy[policy.best].evaluate(episodes=4).success
     )

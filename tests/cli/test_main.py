@@ -76,6 +76,7 @@ def test_help_is_printed_without_loading_anything_heavy(args, shows, tmp_path):
         (["demos", "make", "quickstart"], "needs --out"),
         (["demos", "make", "--out"], "--out is given without a value, but must be None or a word"),
         (["demos", "make", "--out", "x", "--variant", "y"], "--variant is 'y', but must be one of"),
+        (["audit", __file__, "--variant", "y"], "--variant is 'y', but must be one of"),
         (["demos", "import-videos", "nowhere", "--out", "x"], "nowhere does not exist"),
         (["demos", "import-videos"], "needs SOURCE, --out"),
         (["eval"], "gril eval needs RUN"),

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
-from gril_jax.config import TaskName, Variant
+from gril_jax.config import TaskName
 from gril_jax.config.files import load
 from gril_jax.config.tables import count, optional
 from gril_jax.runs.reading import package_versions
@@ -185,7 +185,7 @@ class _Train:
     """Environments; None is 256 on a CPU and 8,192 elsewhere."""
     engine: Literal["auto", "kernel", "impulse"] = "auto"
     """Physics solver."""
-    variant: Variant = "demo"
+    variant: Literal["demo", "jitter", "layout", "color", "shape", "dynamics", "all"] = "demo"
     """Quantities randomised at the start of an episode."""
     parts: tuple[Literal[*_PARTS], ...] = _PARTS
     """Parts to measure; devices only where there are several."""

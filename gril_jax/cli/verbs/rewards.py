@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from gril_jax.config import EnvConfig, RunConfig, TaskName, Variant
+from gril_jax.config import EnvConfig, RunConfig, TaskName
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.run_config import StageOptions, require_one_network
 from gril_jax.config.tables import between, count
@@ -28,8 +28,8 @@ class _Audit:
     """Demonstrations for an audit of videos alone; of a run: where they are now."""
     out: str | None = None
     """Folder for the results; by default RUN/audit, or NAME-audit beside NAME.npz."""
-    variant: Variant | None = None
-    """Quantities randomised at the start; None keeps the run's own variant."""
+    variant: str | None = None
+    """Quantities randomised at the start, such as layout; None keeps the run's own variant."""
     ascents: int = field(default=1000, metadata=count())
     """Gradient searches for states with a high reward and no success."""
     starts: int = field(default=4, metadata=count())
@@ -50,6 +50,7 @@ def _audit(given: _Audit) -> Work:
         raise RunError(f"{source} does not exist, but must be a reward file or the folder of a run")
     elif given.task:  # XLA's options depend on the task
         config = RunConfig(env=EnvConfig(name=named_task(given.task) or given.task))
+    (config.env if config else EnvConfig()).require_variant("--variant", given.variant)
     out = None if given.out is None else Path(given.out)
     if out is not None and out.exists() and not out.is_dir():
         raise RunError(f"{out} is a file, but --out must be a folder")

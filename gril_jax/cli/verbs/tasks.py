@@ -11,7 +11,7 @@ import tyro
 from gril_jax.config import DemosConfig, EnvConfig, MakeDemosConfig
 from gril_jax.config.run_config import Section
 from gril_jax.config.tables import above, between, optional, rule
-from gril_jax.config.task import Places
+from gril_jax.config.task import PLACES
 from gril_jax.envs import registry
 from gril_jax.errors import ConfigError
 from gril_jax.safe_files import new_file, writing
@@ -38,8 +38,9 @@ class _OwnMake:
     config: ConfigName = None
     out: str | None = None
     """New folder of the demonstration set, which must be named."""
-    variant: Places | None = None
-    """Variant of the starts; None: jitter if the configuration's is that, else layout."""
+    variant: str | None = None
+    """Variant of the starts: demo, jitter, layout, or one of a task of yours. None: jitter if the
+    configuration's is that, else layout."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the starts and of the expert."""
 
@@ -57,6 +58,7 @@ def _make(args: list[str]) -> Work:
         raise ConfigError(f"{_MAKE} needs --out: see {_MAKE} --help")
     config = MakeDemosConfig(given.env, given.demos)
     require_task(config.env)
+    config.env.require_variant("--variant", given.variant, PLACES)
     if given.variant is not None:
         config.env.require_places("--variant", given.variant)
     folder, starts = demo_set_to_write(given.out), {"variant": given.variant, "seed": given.seed}

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from gril_jax.config import RunConfig, Variant
+from gril_jax.config import RunConfig
 from gril_jax.config.command_line import RunFolder
 from gril_jax.config.files import sections
 from gril_jax.config.run_config import Sections
@@ -177,9 +177,9 @@ class _Eval:
     """Initial states to sample; a rate says how many of them are distinct."""
     seed: int = field(default=0, metadata=between(0, 2**31 - 1))
     """Seed of the episodes."""
-    variant: Variant | None = None
-    """Variant of the task to start in. None is as a run evaluates itself: from perturbed and
-    held-out initial states, and from the nominal one if the task has a single one."""
+    variant: str | None = None
+    """Variant of the task to start in, such as jitter. None is as a run evaluates itself: from
+    perturbed and held-out initial states, and from the nominal one if there is a single one."""
     engine: Literal["kernel", "impulse", "mjx"] | None = None
     """Physics solver to play in, of MatchRegions and MAGICAL's tasks; None is the run's own."""
     film: bool = False
@@ -192,6 +192,7 @@ def _eval(given: _Eval) -> Work:
     options = dict(vars(given))
     folder = Path(options.pop("run"))
     config = run_config_of(folder, task=options.pop("task"))
+    config.env.require_variant("--variant", given.variant)
     return experiment("evaluate", folder, config=config, devices=True, **options)
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from gril_jax import envs
 from gril_jax.config import MakeDemosConfig, RunConfig
-from gril_jax.config.task import Places
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.demos.demo_set import DemoSet, load_demo_set
 from gril_jax.demos.detected import by_colour
@@ -40,7 +39,7 @@ def main(
     out: Path,
     echo: Callable[[str], None] = print,
     *,
-    variant: Places | None = None,
+    variant: str | None = None,
     seed: int = 0,
 ) -> None:
     """Writes a demonstration set to `out`; see `make`."""
@@ -55,7 +54,7 @@ def make(
     out: Path,
     progress: Progress,
     *,
-    variant: Places | None = None,
+    variant: str | None = None,
     seed: int = 0,
 ) -> DemoSet:
     """Plays the task's expert, videos it, and saves what a detector reads as a set at `out`.

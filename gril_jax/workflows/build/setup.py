@@ -92,13 +92,17 @@ def _own_options(config: EnvConfig, *, training: bool, variant: str | None) -> d
 
     Of the section `env` it gets the fields on starts and on its own reward that it accepts."""
     found: dict[str, Any] = {"varied_starts": config.varied_starts if training else 0.0}
-    if (variant or config.variant) != EnvConfig.variant:
-        found["variant"] = variant or config.variant
     if config.reward is not None:
         found["reward"] = config.reward
     with _one_sentence():
         known = envs.options(config.name)
-    return {name: value for name, value in found.items() if name in known} | config.own_options
+    found = {name: value for name, value in found.items() if name in known} | config.own_options
+    asked = variant or (config.variant if config.variant != EnvConfig.variant else None)
+    if asked is not None and "variant" not in known:
+        raise ConfigError(
+            f"the variant is {asked!r}, but {config.shown_name} takes no option variant"
+        )
+    return found if asked is None else found | {"variant": asked}
 
 
 @contextlib.contextmanager

@@ -1,7 +1,9 @@
 """The task for an audit: in a variant in which its stages say what a success is."""
 
 import pytest
+from support import own_task
 
+from gril_jax.api import inputs
 from gril_jax.config import EnvConfig
 from gril_jax.errors import ConfigError
 from gril_jax.workflows.build import setup
@@ -15,3 +17,26 @@ def test_an_audit_is_of_a_variant_whose_blocks_the_stages_know():
         setup.staged_env(own, "all")
     assert setup.staged_env(EnvConfig(name="move_to_region"), "all").variant == "all"
     assert setup.staged_env(EnvConfig(variant="all"), None).variant == "all"
+
+
+def test_a_task_of_one_s_own_has_its_own_variants(tmp_path, monkeypatch):
+    own_task.home(tmp_path, monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    made = "speed=1.0):", 'speed=1.0, variant="easy"):\n    Task.asked = speed, variant'
+    own_task.write(tmp_path, name="varied.py", made=made)
+    own_task.write(tmp_path)
+
+    def asked(config, variant=None):
+        return setup.make_env(config, training=False, variant=variant).task.asked
+
+    for_policies = inputs.env_config("varied.py:make", EnvConfig(variant="hard"))
+    assert asked(for_policies) == (1.0, "hard")
+    assert asked(for_policies, "far") == (1.0, "far")
+    made_before = inputs.env_config(inputs.make("varied.py", speed=2.0), EnvConfig())
+    assert asked(made_before) == (2.0, "easy")
+    assert made_before.name == f"{tmp_path / 'varied.py'}:make"
+    plain = inputs.env_config("my_task.py:make", EnvConfig(variant="jitter"))
+    with pytest.raises(ConfigError, match="is 'jitter', but my_task takes no option variant"):
+        asked(plain)
+    with pytest.raises(ConfigError, match=r"env\.variant is 'hard', but must be one of demo,"):
+        EnvConfig(variant="hard").check()
