@@ -4,6 +4,7 @@ A user's task must have `classes`, `action_size`, `reset` and `step`, and states
 `objects` and the metric "success". Everything else has a usual value here.
 """
 
+import functools
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
@@ -54,6 +55,18 @@ class Completed:
             self.render = lambda data, **how: self._own("render", data.own, **how)
         shape = jax.eval_shape(lambda: self.reset(jax.random.key(0)).obs).shape
         self.observation_size = shape[0]
+
+    @functools.cached_property
+    def rewarded(self) -> bool:
+        """True if the states of `step` have a reward of the task's own."""
+        usual, given = State._field_defaults["reward"], []
+
+        def step(key):
+            after = self._own("step", self._own("reset", key), jnp.zeros(self.action_size))
+            given.append(getattr(after, "reward", usual))
+
+        jax.eval_shape(step, jax.random.key(0))
+        return given[0] is not usual
 
     def reset(self, key: PRNGKeyArray) -> State:
         """Starts a new episode."""

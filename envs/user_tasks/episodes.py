@@ -13,6 +13,10 @@ from .files import FAILURES, TaskError, fault
 from .protocol import not_finite
 
 _EPISODES = 16
+_AT_SUCCESS = (
+    "episodes end at success, after which a step of a learned reward of 0 and more is lost: "
+    "--run.reward-offset 0 makes it 0 and less, or let done stay 0 there"
+)
 _SLACK = 1.05  # of the picture, in which a box's centre may lie
 
 
@@ -151,6 +155,8 @@ def _ends(env: Completed, first: State, states: State) -> Iterator[Finding]:
         f"episodes of at most {env.episode_length} steps end {how}",
         "done has other numbers than 0 and 1",
     )  # fmt: skip
+    if (done * states.metrics["success"]).any():
+        yield Finding("end at success", False, _AT_SUCCESS, needed=False)
     if (at_once := done[:2].max(axis=0) > 0).all():
         said = f"all {len(at_once)} episodes end at their first step: done is 1 at the end alone"
         yield Finding("length", False, said)
@@ -187,9 +193,11 @@ def _expert(env: Completed, keys: Any) -> Finding:
     if (bad := not_finite(states)) is not None:
         said = f"{bad} becomes NaN or infinite in the expert's episodes"
         return Finding("expert", False, said)
-    success = states.metrics["success"][-1].mean()
-    said = f"the expert ends {success:.0%} of {_EPISODES} episodes with success"
-    return Finding("expert", bool(success > 0), said, needed=False)
+    success = states.metrics["success"][-1]
+    said = f"the expert ends {success.mean():.0%} of {_EPISODES} episodes with success"
+    if ends := (states.done[-1] * success).any():
+        said = f"{said}; {_AT_SUCCESS}"
+    return Finding("expert", bool(success.any() and not ends), said, needed=False)
 
 
 def _drawing(env: Completed, states: State) -> Finding:

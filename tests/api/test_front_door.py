@@ -84,6 +84,11 @@ def test_a_policy_for_each_seed_has_its_curves_and_its_success(policy, task):
     assert "4 starts" in str(alone)
 
 
+def test_a_task_without_a_reward_trains_no_policy_on_its_own(home, task):
+    with pytest.raises(ConfigError, match="the states of my_task have no `reward`: give them one"):
+        gril.train_policy(task, preset=str(home / "small.yaml"), **QUIET)
+
+
 def test_a_policy_is_saved_loaded_and_filmed(policy, home, tmp_path):
     policy.save(tmp_path / "policy.npz")
     policy.film(tmp_path / "film.mp4", episodes=2)

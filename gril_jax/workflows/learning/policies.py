@@ -18,6 +18,7 @@ from jax.sharding import Mesh
 from gril_jax.compilation import ahead, sharding
 from gril_jax.config import RunConfig
 from gril_jax.envs import Env
+from gril_jax.errors import ConfigError
 from gril_jax.rl import training
 from gril_jax.runs import loop
 from gril_jax.runs.memory import Run
@@ -70,7 +71,14 @@ class Plan(NamedTuple):
 
 
 def plan_of(config: RunConfig, algorithm: training.Algorithm) -> Plan:
-    """The plan of a configuration."""
+    """The plan of a configuration; a ConfigError if its policy would have no reward."""
+    form = config.run.reward_form
+    if form in ("environmental", "shaped") and not getattr(algorithm.episodes.env, "rewarded", True):
+        raise ConfigError(
+            f"the policy would learn from the task's own reward, but the states of "
+            f"{config.env.shown_name} have no `reward`: give them one, or learn a reward from "
+            "demonstrations"
+        )
     steps = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // steps)
     run, most = config.run, config.run.max_steps

@@ -31,6 +31,11 @@ def test_what_a_task_leaves_open_is_filled_in(tmp_path):
     np.testing.assert_allclose(after.data.own, jnp.clip(state.data.own + 0.2, -0.9, 0.9))
 
 
+def test_a_reward_of_the_task_s_own_is_known(tmp_path):
+    assert not _made(tmp_path).rewarded
+    assert _made(tmp_path, change=("seen, metrics", "seen, reward=puck[0], metrics")).rewarded
+
+
 def test_boxes_are_drawn_where_a_task_cannot_draw_itself(tmp_path):
     env = _made(tmp_path)
     state = env.reset(jax.random.key(0))
@@ -110,6 +115,10 @@ def test_a_task_that_keeps_the_contract_lacks_nothing(tmp_path):
         ("minval=-0.8, maxval=0.8", "maxval=0.1", "starts unsolved", "100% of the starts"),
         ("(jnp.abs(puck) < 0.3).all()", "jnp.abs(puck).max()", "success", "but must be 0 or 1"),
         ("return -5 * state.data", "return 5 * state.data", "expert", "ends 0% of 16"),
+        ("seen, metrics", "seen, done=(jnp.abs(puck) < 0.3).all() * 1.0, metrics", "expert",
+         "100% of 16 episodes with success; episodes end at success, after which"),
+        ("seen, metrics", "seen, done=(jnp.abs(puck) < 0.3).all() * 1.0, metrics",
+         "end at success", "--run.reward-offset 0 makes it 0 and less"),
         ("seen = Obj", "center = jnp.where(puck[0] > 0.85, jnp.nan, center)\n        seen = Obj",
          "finite", "becomes NaN or infinite"),
     ],
