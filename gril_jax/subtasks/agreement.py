@@ -26,8 +26,10 @@ from gril_jax.types import checked
 from .matching import SharedBoundaries, boundary_frames, shared_boundaries
 
 MOST = 12  # boundaries of one demonstration, at most
-# Patiences that are tried, in shares of the middle length of the videos.
-_SHARES = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
+# Patiences that are tried, in shares of the middle length of the videos. An even rise through a
+# whole video may stand still for the first, but not for the others: it has no plateau.
+_FEWEST = 2  # frames
+_SHARES = (0.045, 0.065, 0.09, 0.12)
 
 
 @checked
@@ -218,7 +220,7 @@ def agreed_stages(
     Too short a patience cuts rises at their pauses, here in two and there in three; too long a one
     passes over plateaus, here and not there. Alike is Dice's coefficient of the boundaries found in
     each trace and the common ones; one common boundary, which any trace has, counts as none. Of
-    equally good patiences the shortest.
+    equally good patiences the shortest. A rise that only the shortest patience cuts is one stage.
 
     Args:
       reward, length, prominence, smoothing, support: as in `agreed_boundaries`.
@@ -226,7 +228,7 @@ def agreed_stages(
     Its errors are the same.
     """
     shares = jnp.array(_SHARES)
-    patiences = jnp.maximum(1, jnp.round(shares * jnp.median(length))).astype(jnp.int32)
+    patiences = jnp.maximum(_FEWEST, jnp.round(shares * jnp.median(length))).astype(jnp.int32)
     trace = _smoothed(reward, length, smoothing)
     rule = {"prominence": prominence, "smoothing": smoothing}
 
@@ -237,7 +239,7 @@ def agreed_stages(
         return alike, _settled(trace, own, common, prominence)
 
     alike, each = jax.lax.map(agreement, patiences)
-    best = jnp.argmax(alike)
+    best = jnp.where((alike[1:] > 0).any(), jnp.argmax(alike), len(shares) - 1)
     return patiences[best], jax.tree.map(lambda x: x[best], each)
 
 
