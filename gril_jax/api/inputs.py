@@ -6,6 +6,7 @@ import inspect
 import io
 import json
 import os
+import warnings
 import weakref
 from typing import Any
 
@@ -41,6 +42,8 @@ def import_videos(
         classes that belong to a robot or a person, `detect="cup, hand"`, what to find in videos
         without boxes, `boxes`, `fps` and `half_extent`.
 
+    What is doubtful in a video is a warning; `notes` of the result has all that was repaired.
+
     Raises:
       DemoError: no videos, a damaged one, or boxes that are missing, malformed or do not fit.
 
@@ -51,7 +54,11 @@ def import_videos(
         options |= {"progress": shown.steps("reading", "videos"),
                     "writing": shown.steps("writing", "videos"),
                     "detecting": shown.steps("detecting", "frames")}  # fmt: skip
-        return importing.import_videos(folder, out, **options)
+        made = importing.import_videos(folder, out, **options)
+    for line in made.notes.splitlines():
+        if line.startswith("doubtful: "):
+            warnings.warn(line, stacklevel=3)  # of the caller: `checked` is in between
+    return made
 
 
 @checked

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float32, Float64, Int32, UInt8
 
 Frames = UInt8[np.ndarray, "T H W 3"]
 
-_MARGIN = 5  # frames kept after the first in which all blocks have arrived
+MARGIN = 5  # frames kept after the first in which all blocks have arrived
 _MOVING = 0.01  # world units from its final place: an object nearer than this has arrived
 
 
@@ -103,4 +103,4 @@ def trim_static_tail(
     away = np.linalg.norm(tracks.center[:, blocks] - tracks.center[-1:, blocks], axis=-1)
     travelling = np.flatnonzero((away > moving).any(axis=1))
     arrived = int(travelling[-1]) + 1 if len(travelling) else 0
-    return min(len(tracks.center), arrived + 1 + _MARGIN)
+    return min(len(tracks.center), arrived + 1 + MARGIN)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .demo import MARGIN
 from .demo_set import DemoSet
 
 _MANY = 0.3  # share of the boxes that may be missing without a sentence on it
@@ -81,6 +82,12 @@ def _together(made: DemoSet, films: Sequence[Found], robots: Sequence[str]) -> l
             lines.append(f"doubtful: {film.name} never shows {', '.join(lacks)}")
         if film.missing > _MANY:
             lines.append(f"doubtful: {film.name} lacks {film.missing:.0%} of its boxes")
+        if film.trimmed and film.frames <= 1 + MARGIN:
+            beside = f" but {' and '.join(robots)}" if robots else ""
+            lines.append(
+                f"doubtful: in {film.name} nothing{beside} moves, so only its first "
+                f"{film.frames} frames are kept"
+            )
     return lines
 
 

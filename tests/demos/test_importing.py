@@ -10,6 +10,7 @@ import pytest
 from support import kitchen_films, odd_videos, scenes
 from support.scenes import scene
 
+import gril_jax as gril
 from gril_jax.demos.demo_set import demo_batch, load_demo_set, save_demo_set
 from gril_jax.demos.importing import import_videos
 from gril_jax.demos.schema import outcomes
@@ -165,6 +166,22 @@ def test_what_was_repaired_in_time_stamps_is_in_the_notes(tmp_path):
     made = import_videos(tmp_path, robot="hand")
     assert len(made[0]) + made[0].trimmed == 20
     assert "\na: time stamps are wrong or missing at 1 of 20 frames, which were put" in made.notes
+
+
+def test_a_video_in_which_nothing_but_the_hand_moves_is_doubtful(tmp_path):
+    for name, speed in (("works", 1), ("waits", 0)):
+        rows = "".join(
+            f"{t},cup,{5 + speed * t},9,{15 + speed * t},20\n{t},hand,{t},5,{t + 9},45\n"
+            for t in range(20)
+        )
+        (tmp_path / f"{name}.csv").write_text(f"frame,class,x_min,y_min,x_max,y_max\n{rows}")
+        frames = [np.full((48, 64, 3), 9 * t, np.uint8) for t in range(20)]
+        write_video(tmp_path / f"{name}.mp4", frames, 10.0)
+    said = "doubtful: in waits nothing but hand moves, so only its first 6 frames are kept"
+    with pytest.warns(UserWarning, match=said):
+        made = gril.import_videos(tmp_path, robot=["hand"], progress=False)
+    assert said in made.notes
+    assert made.notes.count("doubtful") == 1
 
 
 def test_a_set_may_have_the_rate_that_a_camera_just_misses(tmp_path):
