@@ -41,32 +41,46 @@ def _tell(config: RunConfig, verb: str, progress: Progress, echo: Callable[[str]
     demonstrations.require_usable(config, env)
     if config.run.audit and verb == "train" and env is not None:
         audit.require_possible(config)
-    demos, classes = _demonstrations(config, env, echo)
-    took, steps = 0.0, f"reward: {config.pretrain.steps:,} gradient steps"
-    if ENCODERS[config.encoder.kind].boxes:
-        phase = progress.phase("timing the reward", total=_CALLS, unit="updates")
-        begun, one = time.monotonic(), config.encoder.ensemble_size
-        static = setup.pretrain_config(config, classes)
-        hyper = setup.pretrain_hyper(config)
-        step = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
-        state = pretrain.init(jax.random.key(0), demos, static)
-        took = _seconds(begun, step, state, one * config.pretrain.steps / static.updates, phase)
-        echo(f"{steps}, about {in_words(took)}")
-    else:
-        echo(f"{steps} on pictures, which are not timed")
+    took, needs = 0.0, train.needs_of(config)
+    learns = needs.encoder or verb != "train"
+    if learns or needs.demos:
+        demos, classes = _demonstrations(config, env, echo)
+    if learns:
+        took = _reward(config, demos, classes, progress, echo)
     about = "about"
     if verb == "train":
         seconds, early = _policy(config, progress, echo)
         took, about = took + seconds, "at most" if early else "about"
     where = config.run.out or "a new folder below runs/"
-    made = " after the demonstrations are made" if config.demos.path is None else ""
+    makes = config.demos.path is None and (learns or needs.demos)
+    made = " after the demonstrations are made" if makes else ""
     device = setup.device_in_words()
     progress.end_phase()  # or its last line would follow
     echo(f"in all {about} {in_words(took)}{made}, on {device}; results go to {where}")
 
 
+def _reward(
+    config: RunConfig, demos: DemoBatch, classes: Sequence[str], progress: Progress,
+    echo: Callable[[str], None],
+) -> float:  # fmt: skip
+    """Seconds that the reward's training would take, compiling included; told."""
+    steps = f"reward: {config.pretrain.steps:,} gradient steps"
+    if not ENCODERS[config.encoder.kind].boxes:
+        echo(f"{steps} on pictures, which are not timed")
+        return 0.0
+    phase = progress.phase("timing the reward", total=_CALLS, unit="updates")
+    begun, members = time.monotonic(), config.encoder.ensemble_size
+    static = setup.pretrain_config(config, classes)
+    hyper = setup.pretrain_hyper(config)
+    step = jax.jit(lambda state: pretrain.step(state, demos, hyper, static, None)[0])
+    state = pretrain.init(jax.random.key(0), demos, static)
+    took = _seconds(begun, step, state, members * config.pretrain.steps / static.updates, phase)
+    echo(f"{steps}, about {in_words(took)}")
+    return took
+
+
 def _seconds(
-    begun: float, step: Callable[[Any], Any], state: Any, calls: float, phase: Phase
+    begun: float, step: Callable[[Any], Any], state: Any, calls: int | float, phase: Phase
 ) -> float:
     """Seconds from `begun` until a function is compiled, and for so many calls of it."""
     state = jax.block_until_ready(step(state))

@@ -72,10 +72,8 @@ class Plan(NamedTuple):
 
 def plan_of(config: RunConfig, algorithm: training.Algorithm) -> Plan:
     """The plan of a configuration; a ConfigError if its policy would have no reward."""
-    form = config.run.reward_form
-    if form in ("environmental", "shaped") and not getattr(
-        algorithm.episodes.env, "rewarded", True
-    ):
+    own, env = config.run.reward_form in ("environmental", "shaped"), algorithm.episodes.env
+    if own and not getattr(env, "rewarded", True):
         raise ConfigError(
             f"the policy would learn from the task's own reward, but the states of "
             f"{config.env.shown_name} have no `reward`: give them one, or learn a reward from "
