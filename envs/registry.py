@@ -199,8 +199,9 @@ def build(name: str, options: Mapping[str, Any]) -> Any:
     if not is_own(name):
         return maker(**options)
     file = _file(name)
-    known = _keywords(maker)
-    if known is not None and (unknown := [option for option in options if option not in known]):
+    known, takes_any = _keywords(maker)
+    unknown = [option for option in options if option not in known]
+    if unknown and not takes_any:
         takes = f"it takes {', '.join(sorted(known))}" if known else "it takes none"
         raise ValueError(
             f"{file}: {maker.__name__} has no option {unknown[0]!r}"
@@ -244,14 +245,18 @@ def _file(name: str) -> Path:
     return Path(inspect.getsourcefile(_entry_point(name)) or name)
 
 
-def _keywords(constructor: Callable[..., Any]) -> frozenset[str] | None:
-    """The options of one's own constructor; None if it takes any."""
+def _keywords(constructor: Callable[..., Any]) -> tuple[frozenset[str], bool]:
+    """The options that one's own constructor names, and whether it takes any others."""
     parameters = inspect.signature(constructor).parameters.values()
-    if any(p.kind is p.VAR_KEYWORD for p in parameters):
-        return None
-    return frozenset(
-        p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
-    )
+    named = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
+    names = frozenset(p.name for p in parameters if p.kind in named)
+    return names, any(p.kind is p.VAR_KEYWORD for p in parameters)
+
+
+def accepts(name: str, option: str) -> bool:
+    """True if a task of one's own may be made with an option."""
+    known, takes_any = _keywords(constructor(name))
+    return takes_any or option in known
 
 
 def demonstrate(name: str) -> Callable[..., Any]:
@@ -265,7 +270,7 @@ def options(name: str) -> frozenset[str]:
     Those that it passes on as `**options` are the ones of the class that it returns.
     """
     if is_own(name):
-        return _keywords(constructor(name)) or frozenset()
+        return _keywords(constructor(name))[0]
     signature = inspect.signature(pkgutil.resolve_name(spec(name).make))
     parameters = [*signature.parameters.values()]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):

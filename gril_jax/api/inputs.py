@@ -125,9 +125,24 @@ def env_config(task: Any, usual: EnvConfig) -> EnvConfig:
     name, given = _made(task)
     if not name or (registry.is_own(name) and not _as_text(given)):
         return EnvConfig(name=registry.lend(task))
+    if registry.is_own(name):
+        return _own_config(name, given)
     values = {option: _default(name, option) for option in registry.options(name)} | given
     further = tuple(f"{n}={json.dumps(x)}" for n, x in given.items() if n not in known)
     return EnvConfig(name=name, options=further, **{n: x for n, x in values.items() if n in known})
+
+
+def _own_config(name: str, given: dict[str, Any]) -> EnvConfig:
+    """The section `env` of a user's task that `make` has made. Its options may have the names of
+    fields, but what is varied and the variant are asked for by the fields."""
+    varies = "varied_starts" in registry.options(name)
+    varied = given.get("varied_starts", _default(name, "varied_starts") if varies else 0.0)
+    variant = given.get("variant", EnvConfig.variant)
+    options = {n: x for n, x in given.items() if n != "varied_starts"}
+    if variant != EnvConfig.variant:
+        del options["variant"]
+    written = tuple(f"{n}={json.dumps(x)}" for n, x in options.items())
+    return EnvConfig(name=name, variant=variant, varied_starts=varied, options=written)
 
 
 def _named(task: str) -> str:

@@ -94,15 +94,17 @@ def _own_options(config: EnvConfig, *, training: bool, variant: str | None) -> d
     found: dict[str, Any] = {"varied_starts": config.varied_starts if training else 0.0}
     if config.reward is not None:
         found["reward"] = config.reward
+    asked = variant or config.variant
     with _one_sentence():
-        known = envs.options(config.name)
+        known, varies = envs.options(config.name), registry.accepts(config.name, "variant")
     found = {name: value for name, value in found.items() if name in known} | config.own_options
-    asked = variant or (config.variant if config.variant != EnvConfig.variant else None)
-    if asked is not None and "variant" not in known:
+    if asked == EnvConfig.variant:  # nothing is asked for
+        return found
+    if not varies:
         raise ConfigError(
             f"the variant is {asked!r}, but {config.shown_name} takes no option variant"
         )
-    return found if asked is None else found | {"variant": asked}
+    return found | {"variant": asked}
 
 
 @contextlib.contextmanager
