@@ -191,7 +191,7 @@ def audit_reward(
 def _audit(kind: str, numbers: Mapping[str, Any], misranked: Mapping[str, float]) -> Audit:
     known = {name: float(value) for name, value in numbers.items() if value is not None}
     found = Audited(kind, known, next(iter(misranked), ""))
-    lines = (*found.lines(), *held_out.lines(numbers))
+    lines = (*found.lines(), *film_audit.done_lines(numbers), *held_out.lines(numbers))
     return Audit(known, found.passes, found.sentence(), lines, kind, misranked)
 
 

@@ -185,7 +185,7 @@ def write(
             with new_file(out) as file:
                 file.write(contents)
         except FileExistsError:
-            raise RunError(f"{out} exists already, but --out must be a new file") from None
+            raise RunError(f"{out} exists already: name a new file") from None
 
 
 def load(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

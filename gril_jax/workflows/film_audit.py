@@ -64,9 +64,7 @@ class Findings(NamedTuple):
     def in_words(self) -> list[str]:
         """The verdict, a line for each figure, and what is left out."""
         found = Audited("videos", self.numbers)
-        level = self.numbers["done_level"]
-        done = [] if level is None else [f"{'done_level':16} {level:7.3f}  {_DONE}"]
-        return [found.sentence(), *found.lines(), *done, LEFT_OUT]
+        return [found.sentence(), *found.lines(), *done_lines(self.numbers), LEFT_OUT]
 
     def write_report(self, folder: Path, results: Mapping[str, Any], *, title: str) -> Path:
         """Writes and returns the page of the audit."""
@@ -184,6 +182,12 @@ def measured(
         numbers["consistency"] = None
     shown = pick(end, int(jnp.argmin(last))), pick(made, int(reward.argmax()))
     return Findings(numbers, *shown, demos)
+
+
+def done_lines(numbers: Mapping[str, Any]) -> list[str]:
+    """A line on the reward of a state that counts as done; none where there is no such reward."""
+    level = numbers.get("done_level")
+    return [] if level is None else [f"{'done_level':16} {level:7.3f}  {_DONE}"]
 
 
 def done_level(worst_end: float, best_amiss: float) -> float | None:

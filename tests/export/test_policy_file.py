@@ -298,7 +298,7 @@ def test_the_newest_policy_is_exported(tmp_path):
 def test_a_file_that_came_in_between_is_not_overwritten(tmp_path):
     out = tmp_path / "policy.npz"
     out.write_text("precious")
-    with pytest.raises(RunError, match="exists already, but --out must be a new file"):
+    with pytest.raises(RunError, match="exists already: name a new file"):
         policy_file.write(out, {}, {})
     assert [p.name for p in tmp_path.iterdir()] == ["policy.npz"]
     assert out.read_text() == "precious"
