@@ -10,6 +10,7 @@ Nothing here imports JAX or MuJoCo, nor may a task's `__init__.py`: the command 
 before it imports either. Parts of an entry are import paths, followed when they are called.
 """
 
+import contextlib
 import dataclasses
 import functools
 import inspect
@@ -199,15 +200,15 @@ def build(name: str, options: Mapping[str, Any]) -> Any:
     if not is_own(name):
         return maker(**options)
     file = _file(name)
+    said = getattr(maker, "__name__", "make")  # a partial function has no name
     known, takes_any = _keywords(maker)
     unknown = [option for option in options if option not in known]
     if unknown and not takes_any:
         takes = f"it takes {', '.join(sorted(known))}" if known else "it takes none"
         raise ValueError(
-            f"{file}: {maker.__name__} has no option {unknown[0]!r}"
-            f"{nearest(unknown[0], [*known])}: {takes}"
+            f"{file}: {said} has no option {unknown[0]!r}{nearest(unknown[0], [*known])}: {takes}"
         )
-    with files.guarded(maker.__name__, file):
+    with files.guarded(said, file):
         task = maker(**options)
     return import_module("gril_jax.envs.user_tasks.protocol").completed(task, file)
 
@@ -242,7 +243,9 @@ def _file(name: str) -> Path:
         return files.reference(name).file
     if name in _LENT:
         return Path(type(_LENT[name]).__name__)
-    return Path(inspect.getsourcefile(_entry_point(name)) or name)
+    with contextlib.suppress(TypeError):  # a partial function has no file
+        return Path(inspect.getsourcefile(_entry_point(name)) or name)
+    return Path(name)
 
 
 def _keywords(constructor: Callable[..., Any]) -> tuple[frozenset[str], bool]:

@@ -106,8 +106,12 @@ def engine(
         raise ValueError(f"engine 'mjx' serves the robot 'gripper' only, not {robot!r}")
     if physics != "xmagical":
         raise ValueError(f"engine 'mjx' serves the physics 'xmagical' only, not {physics!r}")
-    if variant in ("shape", "all"):
+    if variant in ("shape", "countplus", "all"):
         raise ValueError(f"engine 'mjx' has fixed shapes and cannot serve the variant {variant!r}")
+    if shapes.NOTHING in blocks:
+        raise ValueError(
+            "engine 'mjx' has fixed blocks, but the task has room for more than it has"
+        )
     return MjxPhysics(tuple(shapes.SHAPES[s] for s in blocks), **common)
 
 

@@ -60,6 +60,7 @@ def start_from(
     robot, seen = edges[:3], edges[3:]
     first = len(seen) - len(layout.loose)
     half, held = jnp.array(layout.loose), held[3 + first :]
+    held &= jnp.cumsum(held) == 1  # a hand holds one thing: the first
     with jax.default_matmul_precision("highest"):
         base, rails = _standing(seen, layout, camera, own, things)
         fallen = [_fallen(at, rail) for at, rail in zip(rails, layout.rails, strict=True)]

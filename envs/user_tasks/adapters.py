@@ -7,7 +7,7 @@
 `boxes(state)` gives the objects' centres and sizes, both (N, 2), in the order of `objects`, which
 has the class of each; `success(state)` is true where the task is done. Both see the library's own
 state. Whatever else a task may have is given as keywords: `episode_length`, `control_hz`,
-`half_extent`, `background`, `stages`, `expert`, `place`, `outlines`.
+`half_extent`, `background`, `stages`, `expert`, `place`, `outlines`, `render`.
 
 None of the libraries is imported: an environment is whatever has their methods.
 """
@@ -19,7 +19,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gril_jax.envs.base import Objects, State
+from gril_jax.envs.checks import nearest
 from jaxtyping import Array, Float, PRNGKeyArray
+
+_MEMBERS = (
+    "episode_length", "control_hz", "half_extent", "background", "stages", "expert", "place",
+    "outlines", "render",
+)  # fmt: skip
 
 Boxes = Callable[[Any], tuple[Float[Array, "N 2"], Float[Array, "N 2"]]]
 Holds = Callable[[Any], Any]
@@ -65,6 +71,12 @@ class Adapted:
         self._label = np.array([self.classes.index(name) for name in objects], np.int32)
         self._is_robot = np.array([name in robots for name in objects])
         for name, value in more.items():
+            if name not in _MEMBERS:
+                known = "objects", "success", "robots", *_MEMBERS
+                raise ValueError(
+                    f"there is no argument {name!r}{nearest(name, known)}: they are "
+                    f"{', '.join(known)}"
+                )
             setattr(self, name, value)
 
     def reset(self, key: PRNGKeyArray) -> State:
@@ -116,7 +128,7 @@ def of_gymnax(env: Any, boxes: Boxes, *, params: Any = None, **scene: Any) -> Ad
         obs, state, reward, done, _ = env.step_env(key, state, action, params)
         return Moment(state, obs, reward, _by_itself(done, getattr(state, "time", None), limit))
 
-    scene = ({} if limit is None else {"episode_length": int(limit)}) | scene
+    scene = _within(limit, scene)
     return Adapted(begin, advance, _actions(env.action_space(params)), boxes, **scene)
 
 
@@ -137,8 +149,22 @@ def of_jumanji(env: Any, boxes: Boxes, **scene: Any) -> Adapted:
         return moment(*env.step(state, action))
 
     spec = env.action_spec() if callable(env.action_spec) else env.action_spec
-    scene = ({} if limit is None else {"episode_length": int(limit)}) | scene
+    scene = _within(limit, scene)
     return Adapted(begin, advance, _actions(spec), boxes, **scene)
+
+
+def _within(limit: Any, scene: dict[str, Any]) -> dict[str, Any]:
+    """The scene with the library's time limit as its `episode_length`; a ValueError for a longer
+    one, at which the library would end episodes by itself."""
+    if limit is None:
+        return scene
+    scene = {"episode_length": int(limit)} | scene
+    if scene["episode_length"] > limit:
+        raise ValueError(
+            f"episode_length is {scene['episode_length']}, but the environment ends at {limit} "
+            "steps: give it a longer limit, too"
+        )
+    return scene
 
 
 def _by_itself(done: Any, time: Any, limit: Any) -> Any:

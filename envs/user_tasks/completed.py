@@ -129,7 +129,7 @@ def complete(state: Any) -> State:
         data=Shown(state.data, objects),
         obs=jnp.asarray(state.obs, jnp.float32),
         objects=objects,
-        moved=none if moved is None else jnp.asarray(moved, bool),
+        moved=none if moved is None else jnp.broadcast_to(jnp.asarray(moved, bool), none.shape),
         reward=jnp.asarray(getattr(state, "reward", 0.0), jnp.float32),
         done=jnp.asarray(getattr(state, "done", 0.0), jnp.float32),
         metrics={name: jnp.asarray(value, jnp.float32) for name, value in metrics.items()},

@@ -59,6 +59,7 @@ class Task(NamedTuple):
     needs: frozenset[str]  # names of the tasks that come before it
     do: Callable[[], None]
     about: Any = None  # for whom it is
+    bears: bool = False  # goes on without some of what it needs
 
 
 def carry_out(
@@ -68,11 +69,12 @@ def carry_out(
 
     Where programs are compiled when they are asked for, the order is that of the tasks as far as
     their needs allow, in every process. A need that never comes is a ValueError. With `failed` an
-    error goes there, the tasks that need what it broke are left out, and the others go on.
+    error goes there, the tasks that need what it broke are left out, and the others go on. So do
+    tasks that bear it while something is left of what they need.
     """
     left, done, lost = list(tasks), set[str](), set[str]()
     while left := [task for task in left if not _loses(task, lost)]:
-        able = [task for task in left if task.needs <= done]
+        able = [task for task in left if task.needs <= (done | lost if task.bears else done)]
         if not able:
             name, needs = left[0].name, left[0].needs - done
             raise ValueError(f"task {name!r} needs what never comes: {needs}")
@@ -94,8 +96,8 @@ def carry_out(
 
 
 def _loses(task: Task, lost: set[str]) -> bool:
-    """True if a task needs what was lost, and so is lost itself."""
-    if task.needs & lost:
+    """True if a task needs what was lost, and so is lost itself; one that bears it, if all was."""
+    if task.needs & lost and not (task.bears and task.needs - lost):
         lost.add(task.name)
     return task.name in lost
 

@@ -100,6 +100,7 @@ def loss(
     )  # fmt: skip
     target, advantage = jax.lax.stop_gradient(found)
     advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+    advantage = (1.0 - batch.dropped) * advantage  # or 0 would stand above the losses of others
     ratio = jnp.exp(actions.log_prob(logits, batch.raw_action) - batch.log_prob)
     clipped = jnp.clip(ratio, 1 - weights.clipping_epsilon, 1 + weights.clipping_epsilon)
     of_policy = -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))

@@ -137,3 +137,15 @@ def test_an_error_loses_what_needs_the_task_and_nothing_else():
     tasks = [task("d", "c"), task("c", "b"), task("b"), task("a")]
     ahead.carry_out(tasks, lambda task, error: failed.append((task.about, type(error))))
     assert (done, failed) == (["a"], [("B", ZeroDivisionError)])
+
+
+def test_a_task_that_bears_it_goes_on_with_what_is_left_of_its_needs():
+    done, failed = [], []
+
+    def task(name, *needs):
+        do = lambda: done.append(name) if name not in "bc" else 1 // 0  # noqa: E731
+        return ahead.Task(name, None, frozenset(needs), do, bears=bool(needs))
+
+    tasks = [task("e", "b", "c"), task("d", "a", "b"), task("c"), task("b"), task("a")]
+    ahead.carry_out(tasks, lambda task, error: failed.append(task.name))
+    assert (done, failed) == (["a", "d"], ["c", "b"])

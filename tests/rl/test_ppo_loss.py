@@ -52,8 +52,8 @@ def _given(seed=0):
     return params, normalizer, batch, logits
 
 
-def _brax(params, key, weights):
-    _, normalizer, batch, logits = _given()
+def _brax(params, batch, key, weights):
+    _, normalizer, _, logits = _given()
     data = Transition(
         observation=batch.observation[:, :-1],
         action=jnp.tanh(batch.raw_action),
@@ -76,6 +76,7 @@ def _brax(params, key, weights):
 
 def test_value_parts_and_gradient_are_those_of_brax():
     params, normalizer, batch, _ = _given()
+    batch = batch._replace(dropped=jnp.zeros_like(batch.dropped))  # brax learns from these, too
     key, weights = jax.random.key(9), WEIGHTS._replace(entropy_cost=0.0)
 
     @jax.jit
@@ -84,7 +85,7 @@ def test_value_parts_and_gradient_are_those_of_brax():
             return ppo_loss.loss(params, normalizer, batch, key, _networks(), weights)
 
         def theirs(params):
-            return _brax(params, key, weights)
+            return _brax(params, batch, key, weights)
 
         return [jax.value_and_grad(f, has_aux=True)(params) for f in (ours, theirs)]
 
@@ -92,7 +93,26 @@ def test_value_parts_and_gradient_are_those_of_brax():
     np.testing.assert_allclose(value, expected, rtol=1e-5)
     np.testing.assert_allclose(parts["loss/policy"], parts_expected["policy_loss"], rtol=1e-5)
     np.testing.assert_allclose(parts["loss/value"], parts_expected["v_loss"], rtol=1e-5)
-    chex.assert_trees_all_close(gradient, expected_gradient, atol=1e-6)
+    chex.assert_trees_all_close(gradient, expected_gradient, atol=1e-6, rtol=1e-5)
+
+
+def test_a_dropped_step_does_not_move_the_policy():
+    """Where values are low, an advantage of 0 would be the highest: its action would be sought."""
+    params, normalizer, batch, _ = _given()
+    dropped, key = batch.dropped[..., None] > 0, jax.random.key(9)
+    other = batch._replace(raw_action=jnp.where(dropped, 5.0, batch.raw_action))
+
+    @jax.jit
+    def gradient(batch):
+        def of_policy(params):
+            return ppo_loss.loss(params, normalizer, batch, key, _networks(), WEIGHTS)[1][
+                "loss/policy"
+            ]
+
+        return jax.grad(of_policy)(params)
+
+    assert 0 < dropped.mean() < 1
+    chex.assert_trees_all_close(gradient(batch), gradient(other), atol=1e-7)
 
 
 def test_entropy_weighs_as_much_as_asked():

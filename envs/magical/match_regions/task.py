@@ -52,6 +52,7 @@ class MatchRegions(SuiteTask):
     classes = CLASSES
     length = 120
     variants, rewards, roles = VARIANTS, rewards.REWARDS, ()
+    shifted = None  # its objects come in another order than those of the suite
     look = looks.X_MAGICAL
     observation_rows = None
 

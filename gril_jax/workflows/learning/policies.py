@@ -79,6 +79,12 @@ def plan_of(config: RunConfig, algorithm: training.Algorithm) -> Plan:
             f"{config.env.shown_name} have no `reward`: give them one, or learn a reward from "
             "demonstrations"
         )
+    if config.run.evaluations and algorithm.num_envs % 2:
+        name = config.run.algorithm
+        raise ConfigError(
+            f"{name}.num_envs is {algorithm.num_envs}, but must be even: half of the environments "
+            "play deterministic actions in evaluations, which --run.evaluations 0 leaves out"
+        )
     steps = algorithm.num_envs * algorithm.unroll_length
     updates = -(-policy_setup.policy_config(config).num_timesteps // steps)
     run, most = config.run, config.run.max_steps
@@ -242,14 +248,17 @@ def metrics_of(plan: Plan, done: int, found: Any) -> dict[str, list[float]]:
     return line
 
 
+_OF_STEPS = "reward", "alpha", "ratio_beyond", "deviation"  # and losses; all else is of episodes
+
+
 def _means(metrics: dict[str, np.ndarray]) -> dict[str, float]:
-    """Means over one chunk's updates; success and score weigh each update by its episodes."""
+    """Means over one chunk's updates; the task's own metrics weigh each by its episodes."""
     episodes = metrics["episodes"]
     row = {}
     for name, values in metrics.items():
         if name in ("episodes", "nonfinite"):
             row[name] = float(values.sum())
-        elif name in ("success", "score"):
+        elif name not in _OF_STEPS and not name.startswith("loss/"):
             row[name] = float((values * episodes).sum() / max(episodes.sum(), 1.0))
         else:
             row[name] = float(values.mean())

@@ -21,7 +21,7 @@ from gril_jax.config import RunConfig
 from gril_jax.demos import schema
 from gril_jax.demos.importing import import_videos
 from gril_jax.demos.magical_pickles import HALF_EXTENT
-from gril_jax.errors import ConfigError, DemoError, GrilError
+from gril_jax.errors import ConfigError, DemoError, GrilError, RunError
 from gril_jax.runs import hosts, reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
@@ -146,6 +146,7 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
     left = [one for one, done in zip(programs, finished, strict=True) if not done]
     free = [one for one in left if not any(learns(row.config) for row in one.rows)]
     others = [one for one in left if one not in free]
+    _require_same_parts(run.path, run.finished_phase, programs)
     learned: dict[Hashable, TrainedReward] = {}
     failed: dict[int, str] = {}
     gather = _gatherer(plan.config, run, progress)
@@ -155,9 +156,6 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
             summary.write(run.path, last=False)
 
     first_seed = plan.config.run.seed
-    for program in programs:  # those that have finished: what diverged in them did so for good
-        done = run.finished_phase(program.name) or {}
-        _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)
 
     def learn(one) -> None:
         found = study_rewards.learn(one, run, progress, echo)
@@ -183,6 +181,10 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
         # First what needs no reward: it keeps the device at work while all else is compiled.
         ready = study_programs.get_ready(free, jax.devices(), pool)
         rows = _with_demonstrations(rows, gather, failed)
+        # A row of which a seed diverged for good in a finished program keeps its other seeds.
+        for program in programs:
+            done = run.finished_phase(program.name) or {}
+            _note_seeds(failed, program.rows, done.get("diverged", {}), first_seed)
         wanted = study_rewards.get_ready(rows, gather, pool)
         ready |= study_programs.get_ready(others, jax.devices(), pool)
         played = variants.get_ready(left, plan.study, pool)
@@ -191,11 +193,32 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
         tasks = [
             *(_task(x, x.programs.reward, frozenset(), learn, x.rows) for x in wanted),
             *measures.tasks(asked, rows, learned, needs, run, pool, progress, written),
-            *(_task(x, ready[x.name], needs(x.rows), train, x.rows) for x in left),
+            *(
+                _task(x, ready[x.name], needs(x.rows), train, x.rows)._replace(bears=True)
+                for x in left
+            ),
         ]
         note = lambda task, error: _note(failed, task.about, error)  # noqa: E731
         ahead.carry_out(tasks, note if jax.process_count() == 1 else None)  # several fail together
     return failed
+
+
+def _require_same_parts(
+    run: Path,
+    finished: Callable[[str], Mapping[str, Any] | None],
+    programs: list[study_programs.Program],
+) -> None:
+    """Raises RunError if a finished program had other policies: with another memory or number of
+    devices they are shared out in another way, and some would be trained twice or never."""
+    for program in programs:
+        done = finished(program.name)
+        now = [(row.cell, row.seed) for row in program.rows]
+        if done is not None and list(map(tuple, done["rows"])) != now:
+            raise RunError(
+                f"{run}: {program.name} has finished with {len(done['rows'])} policies, but "
+                f"would have {len(now)} here: go on with the memory and the devices that it began "
+                "with"
+            )
 
 
 def _measures(plan: Plan, gather: Gather, run: Path) -> list[measures.Measure]:

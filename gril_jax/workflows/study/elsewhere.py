@@ -46,7 +46,8 @@ class Elsewhere(Measure):
 
     def asked(self, config: RunConfig) -> bool:
         """True for a task that scores a state with its things in other places."""
-        return hasattr(setup.make_env(config.env, training=False), "shifted")
+        env = setup.make_env(config.env, training=False)
+        return getattr(env, "shifted", None) is not None
 
     def same(self, config: RunConfig) -> Hashable:
         """The task and the reward's form."""

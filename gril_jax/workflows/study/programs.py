@@ -10,7 +10,7 @@ import jax
 
 from gril_jax.compilation import memory, sharding
 from gril_jax.config import RunConfig
-from gril_jax.errors import ConfigError
+from gril_jax.errors import ConfigError, RunError
 from gril_jax.rl import training
 from gril_jax.runs import hosts
 from gril_jax.runs.memory import Run
@@ -161,6 +161,23 @@ def starts(program: Program) -> dict[str, Counted]:
     return found
 
 
+def _rewards_of(
+    configs: Sequence[RunConfig], rewards: Mapping[Hashable, TrainedReward]
+) -> tuple[list[TrainedReward | None], dict[int, str]]:
+    """The reward of each configuration, None of one that learns none, and by its place what is
+    wrong with one. In the place of one that was not learned is another's: its policy is lost, and
+    the others are trained in the same program."""
+    found = [rewards.get(reward_key(one)) if learns(one) else None for one in configs]
+    wrong = {i: one.diverged for i, one in enumerate(found) if one and one.diverged}
+    missing = [i for i, one in enumerate(found) if one is None and learns(configs[i])]
+    if missing and not any(found):
+        raise RunError("none of its rewards could be learned")
+    for i in missing:
+        found[i] = next(one for one in found if one)
+        wrong[i] = "its reward could not be learned"
+    return found, wrong
+
+
 def learn_policies(
     program: Program,
     ready: Future[policies.Compiled],
@@ -179,7 +196,7 @@ def learn_policies(
     """
     rows = program.rows
     configs = [row.config for row in rows]
-    learned = [rewards[reward_key(one)] if learns(one) else None for one in configs]
+    learned, wrong = _rewards_of(configs, rewards)
     each = [_parameters(one, found, demos) for one, found in zip(configs, learned, strict=True)]
     for said in dict.fromkeys(map(policy_rewards.stages_note, configs, each)):
         if said:
@@ -203,7 +220,7 @@ def learn_policies(
     done = policies.train(
         compiled, params, plan, configs, name=program.name, run=run, echo=echo, row=row,
         tick=lambda steps: phase.update(steps * len(rows)),
-        wrong={i: one.diverged for i, one in enumerate(learned) if one and one.diverged},
+        wrong=wrong,
     )  # fmt: skip
     trained = hosts.gathered(done.policy)
     saved = run.save_part(f"policies/{program.name}", done.env_steps, trained)

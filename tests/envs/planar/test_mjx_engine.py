@@ -271,6 +271,18 @@ def test_what_the_engine_does_not_serve_is_refused_in_one_sentence(options, word
         envs.make("match_regions", engine="mjx", **options)
 
 
+@pytest.mark.parametrize(
+    ("task", "options", "words"),
+    [
+        ("make_line", {"variant": "countplus"}, "fixed shapes and cannot serve the variant 'count"),
+        ("find_dupe", {"padded": True}, "fixed blocks, but the task has room for more"),
+    ],
+)
+def test_numbers_of_blocks_that_change_are_refused(task, options, words):
+    with pytest.raises(ValueError, match=words):
+        envs.make(task, engine="mjx", physics="xmagical", **options)
+
+
 def test_an_unknown_engine_is_one_sentence_with_the_known_ones():
     with pytest.raises(
         ValueError, match="engine is 'mujoco', but must be one of auto, impulse, kernel, mjx"

@@ -135,6 +135,13 @@ def test_what_a_video_knows_to_be_held_is_in_the_hand_wherever_its_box_is():
     assert np.linalg.norm(away, axis=1).max() < 0.04
 
 
+def test_of_two_that_are_said_to_be_held_the_first_is():
+    first, second = (_env().classes.index(f"shoe {name}") for name in "AB")
+    seen = _carried().objects
+    one, both = (_placed(seen, held=held) for held in ((first,), (first, second)))
+    np.testing.assert_allclose(both.objects.center, one.objects.center, atol=1e-4)
+
+
 def test_the_hand_is_where_it_is_seen_and_above_what_it_would_touch():
     env, data = _env(), _scenes().data
     tool = lambda state: jax.vmap(kinematics.tcp)(state.data.motion.qpos[:, :7]).position  # noqa: E731

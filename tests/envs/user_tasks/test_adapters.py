@@ -134,6 +134,17 @@ def test_a_robot_that_is_no_object_is_refused():
         of_brax(brax_wrapper.Pushing(), _boxes, **(SCENE | {"robots": ("arm",)}))
 
 
+def test_an_argument_that_there_is_not_is_told():
+    wrong = {name: x for name, x in SCENE.items() if name != "robots"} | {"robot": ("robot",)}
+    with pytest.raises(ValueError, match=r"no argument 'robot' \(did you mean 'robots'\?\): they"):
+        of_brax(brax_wrapper.Pushing(), _boxes, **wrong)
+
+
+def test_an_episode_beyond_the_library_s_limit_is_refused():
+    with pytest.raises(ValueError, match="episode_length is 30, but the environment ends at 20"):
+        of_gymnax(_Gymnax(), _boxes, **(SCENE | {"episode_length": 30}))
+
+
 @pytest.mark.slow
 def test_gymnax_itself():
     gymnax = pytest.importorskip("gymnax", reason="gymnax is not installed")

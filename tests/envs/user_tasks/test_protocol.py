@@ -31,6 +31,25 @@ def test_what_a_task_leaves_open_is_filled_in(tmp_path):
     np.testing.assert_allclose(after.data.own, jnp.clip(state.data.own + 0.2, -0.9, 0.9))
 
 
+def test_what_has_moved_may_be_one_flag_for_all(tmp_path):
+    env = _made(tmp_path, change=("seen, metrics", "seen, moved=False, metrics"))
+    assert jax.jit(env.reset)(jax.random.key(0)).moved.tolist() == [False] * 3
+
+
+def test_a_partial_function_makes_a_task(tmp_path):
+    made = (
+        "def make(speed=1.0):\n    return Task()",
+        (
+            "import functools\n\ndef _made(speed):\n    return Task()\n\n"
+            "make = functools.partial(_made, speed=1.0)"
+        ),
+    )
+    name = f"{own_task.write(tmp_path, change=made)}:make"
+    assert envs.make(name, speed=2.0).classes == own_task.CLASSES
+    with pytest.raises(ValueError, match="make has no option 'sped'"):
+        envs.make(name, sped=2.0)
+
+
 def test_a_reward_of_the_task_s_own_is_known(tmp_path):
     assert not _made(tmp_path).rewarded
     assert _made(tmp_path, change=("seen, metrics", "seen, reward=puck[0], metrics")).rewarded

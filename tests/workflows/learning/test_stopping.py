@@ -15,7 +15,7 @@ from support import own_task
 from gril_jax.config import EnvConfig
 from gril_jax.config.files import load
 from gril_jax.config.grid import with_seed
-from gril_jax.errors import RunError
+from gril_jax.errors import ConfigError, RunError
 from gril_jax.runs import pace, run_dir
 from gril_jax.runs.checkpoints.state_leaves import digest
 from gril_jax.runs.interrupt import Interrupted
@@ -185,19 +185,22 @@ def test_where_one_of_two_policies_diverges_the_other_comes_to_what_it_would(fol
     assert not [*(folder / "none").glob("checkpoints/ppo/0*")]  # none would be finite
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        ("--run.evaluations", "0"),
-        ("--ppo.num-envs", "255", "--ppo.num-minibatches", "5"),  # no half can play evaluations
-        ("--max-steps", "None"),
-    ],
-)
+@pytest.mark.parametrize("given", [("--run.evaluations", "0"), ("--max-steps", "None")])
 def test_without_evaluations_or_a_maximum_the_length_is_fixed(given):
     config = load("own_task", given)
     algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
     plan = policies.plan_of(config, algorithm)
     assert (plan.least, plan.updates) == (None, -(-config.ppo.num_timesteps // plan.steps))
+
+
+def test_environments_that_cannot_be_halved_play_no_evaluations():
+    odd = ("--ppo.num-envs", "255", "--ppo.num-minibatches", "5")
+    config = load("own_task", odd)
+    algorithm = policy_setup.make_algorithm(config, setup.make_env(config.env, training=True))
+    with pytest.raises(ConfigError, match="num_envs is 255, but must be even: half of"):
+        policies.plan_of(config, algorithm)
+    without = load("own_task", (*odd, "--run.evaluations", "0"))
+    assert policies.plan_of(without, algorithm).evaluations == 0
 
 
 def test_a_smaller_maximum_is_the_length_and_evaluations_keep_their_distance():

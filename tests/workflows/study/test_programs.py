@@ -1,13 +1,16 @@
 """A study's shares of environments and policies, and how rows share programs and rewards."""
 
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
 
 from gril_jax.config import EnvConfig, RunConfig
 from gril_jax.config.files import load
+from gril_jax.errors import RunError
 from gril_jax.rl.training import Scores
-from gril_jax.workflows.study import audit, programs, recipe, rewards
+from gril_jax.workflows.study import audit, driver, programs, recipe, rewards
 from gril_jax.workflows.study.programs import Counted, Program
 from gril_jax.workflows.study.recipe import changed
 from gril_jax.workflows.study.saved import Row, learns
@@ -60,6 +63,29 @@ def test_rows_whose_rewards_have_other_parameters_share_no_program():
     measure = audit.Audit(lambda _: None, ascents=1)
     same = [measure.same(row.config) for row in rows]
     assert [same.index(one) for one in same] == [0, 0, 2, 3, 2]
+
+
+def test_a_reward_that_could_not_be_learned_loses_its_own_policy_alone():
+    kinds = [{"pretrain.steps": 5}, {"pretrain.steps": 6}, {"run.reward": "environmental"}]
+    configs = [changed(RunConfig(), {"run.reward": "learned"} | kind) for kind in kinds]
+    one = rewards.TrainedReward(None, 0.5, None, 7)
+    known = {rewards.reward_key(configs[1]): one}
+    found, wrong = programs._rewards_of(configs, known)
+    assert found == [one, one, None]
+    assert wrong == {0: "its reward could not be learned"}
+    with pytest.raises(RunError, match="none of its rewards could be learned"):
+        programs._rewards_of(configs, {})
+
+
+def test_a_finished_program_must_have_the_same_policies():
+    finished = {"policy-0": {"rows": [[0, 0], [0, 1]]}}.get
+    first, second = (
+        Program(f"policy-{i}", [Row(0, seed, RunConfig()) for seed in seeds], None, {}, None)
+        for i, seeds in enumerate(((0, 1), (2, 3)))
+    )
+    driver._require_same_parts(Path("run"), finished, [first, second])
+    with pytest.raises(RunError, match="policy-0 has finished with 2 policies, but would have 1"):
+        driver._require_same_parts(Path("run"), finished, [first._replace(rows=first.rows[:1])])
 
 
 def test_a_program_has_at_most_so_many_policies():
