@@ -275,7 +275,7 @@ def test_what_the_engine_does_not_serve_is_refused_in_one_sentence(options, word
     ("task", "options", "words"),
     [
         ("make_line", {"variant": "countplus"}, "fixed shapes and cannot serve the variant 'count"),
-        ("find_dupe", {"padded": True}, "fixed blocks, but the task has room for more"),
+        ("match_regions_magical", {"padded": True}, "fixed blocks, but the task has room for more"),
     ],
 )
 def test_numbers_of_blocks_that_change_are_refused(task, options, words):
