@@ -97,7 +97,7 @@ def test_value_parts_and_gradient_are_those_of_brax():
 
 
 def test_a_dropped_step_does_not_move_the_policy():
-    """Where values are low, an advantage of 0 would be the highest: its action would be sought."""
+    """An advantage of 0 is the highest where values are low: its action would be sought."""
     params, normalizer, batch, _ = _given()
     dropped, key = batch.dropped[..., None] > 0, jax.random.key(9)
     other = batch._replace(raw_action=jnp.where(dropped, 5.0, batch.raw_action))

@@ -58,7 +58,7 @@ def test_three_stairs_are_found_with_the_patience_on_which_traces_agree(noise):
 @pytest.mark.parametrize("frames", [60, 120, 300])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_smooth_rise_is_one_stage(frames, noise):
-    """Where each trace is steep differs; a wave of noise is no plateau on which they agree."""
+    """Traces are steep at different places; a wave of noise is no plateau on which they agree."""
     t, rng = np.linspace(0, 1, frames), np.random.default_rng(0)
     steep = rng.uniform(0.8, 1.25, (12, 1))
     rises = t + 0 * steep, 1 / (1 + np.exp(-8 * steep * (t - 0.5))), t ** (2 * steep)
