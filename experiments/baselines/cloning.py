@@ -46,7 +46,7 @@ class RecordedOptions:
     """Options that these baselines share."""
 
     recorded: Annotated[Path, tyro.conf.Positional]
-    """The recorded actions, a JSON file."""
+    """The recorded actions: a JSON file, or MatchRegions' folder of *.pkl.gz files."""
     sets: Path
     """Folder of the tasks' demonstration sets."""
     out: Path

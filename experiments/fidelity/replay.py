@@ -63,7 +63,10 @@ class _Options:
 
 
 def load(path: Path, tasks: tuple[str, ...]) -> dict[str, Actions]:
-    """The actions of each task's demonstrations; a DemoError names what is wrong in the file."""
+    """The actions of each task's demonstrations, of a JSON file; a folder of *.pkl.gz files has
+    those of match_regions_magical alone. A DemoError names what is wrong in the file."""
+    if path.is_dir():
+        return {"match_regions_magical": _of_folder(path)}
     try:
         whole = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
