@@ -226,7 +226,9 @@ def _measures(plan: Plan, gather: Gather, run: Path) -> list[measures.Measure]:
     make: dict[str, Callable[..., measures.Measure]] = {
         "audit": partial(audit.Audit, gather),
         "profiles": partial(measures.Profiles, gather),
-        "separation": partial(separation.Separation, gather),
+        "separation": partial(
+            separation.Separation, gather, alone=set(plan.study.measure) == {"separation"}
+        ),
         "files": partial(measures.Files, plan, run),
         "elsewhere": elsewhere.Elsewhere,
     }

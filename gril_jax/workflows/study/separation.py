@@ -31,16 +31,20 @@ _LEAST = 2  # recordings of either outcome
 
 
 class Separation(Measure):
-    """The figures of each reward; refuses demonstrations that are too few for them."""
+    """The figures of each reward; refuses demonstrations that are too few for them.
+
+    They are left out where there are no failures, unless the study measures nothing else."""
 
     name, words = "separation", "successes and failures apart"
 
-    def __init__(self, gather: Gather) -> None:
-        self.gather = gather
+    def __init__(self, gather: Gather, *, alone: bool = True) -> None:
+        self.gather, self.alone = gather, alone
 
     def asked(self, config):
-        """True, unless it raises DemoError."""
+        """True, or False where they are left out; it may raise DemoError."""
         demos = self.gather(config)
+        if not demos.names["failure"] and not self.alone:
+            return False
         require_both(demos.demo_set.where, demos.names)
         return True
 

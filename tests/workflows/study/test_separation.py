@@ -1,10 +1,14 @@
 """How rewards tell success from failure, against loops, and what is refused."""
 
+import types
+
 import numpy as np
 import pytest
 
+from gril_jax.config import RunConfig
 from gril_jax.demos.demo import Demo, Tracks
 from gril_jax.errors import DemoError
+from gril_jax.workflows.build.demonstrations import Demonstrations
 from gril_jax.workflows.study import separation
 
 
@@ -59,3 +63,15 @@ def test_too_few_recordings_of_an_outcome_are_one_sentence(split, word):
     names = {"failure": ["a", "b"], "validation": ["c", "d"]} | {split: ["e"]}
     with pytest.raises(DemoError, match=f"demos has 1 .*{word}, but rho needs at least 2"):
         separation.require_both("demos", names)
+
+
+def test_without_failures_it_is_left_out_beside_other_measures_and_refused_alone():
+    names = {"failure": [], "validation": ["000_success", "001_success"]}
+    demos = Demonstrations(types.SimpleNamespace(where="demos"), names, 0)
+    beside = separation.Separation(lambda config: demos, alone=False)
+    assert not beside.asked(RunConfig())
+    with pytest.raises(DemoError, match="has 0 failures"):
+        separation.Separation(lambda config: demos).asked(RunConfig())
+    names["failure"].append("050_lid_only")
+    with pytest.raises(DemoError, match="has 1 failures"):
+        beside.asked(RunConfig())
