@@ -61,10 +61,10 @@ class EnvConfig:
     """Physics: our solver in an NVIDIA Warp kernel (kernel), the same in JAX with gradients
     (impulse), MuJoCo MJX (mjx), or MuJoCo Warp for table tasks (warp). auto takes kernel on CPUs
     and NVIDIA GPUs, else impulse, and mjx for table tasks."""
-    observation: Literal["plain", "rich", "sorted", "xmagical"] = "rich"
+    observation: Literal["plain", "rich", "sorted", "objects", "xmagical"] = "rich"
     """What the policy sees: poses and velocities (plain); also which blocks are in the region, or
-    which stages hold (rich); the same with the next target first (sorted); or x-magical's state
-    vector (xmagical)."""
+    which stages hold (rich); the same with the next target first (sorted); poses, velocities,
+    colours and shapes, a row for each object (objects); or x-magical's state vector (xmagical)."""
     reward: str | None = None
     """The task's own reward, for `--reward environmental`: S4, V5 or sparse (match_regions),
     staged, stages or sparse (table tasks), sparse (MAGICAL's other tasks). None is the first."""

@@ -108,6 +108,7 @@ class PPO(Agent):
             own = jax.eval_shape(env.reset, jax.random.key(0)).obs.shape[0]
             one = set_networks.by_object(
                 one, rows, self.observation_size, own - listed, static.hidden,
+                robot=getattr(env, "object_names", ("robot",)).index("robot"),
                 bits=static.observe_activity, gradient=static.observe_gradient, half=static.half,
             )  # fmt: skip
         self.networks = dataclasses.replace(

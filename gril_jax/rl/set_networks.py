@@ -38,6 +38,7 @@ def by_object(
     before: int,
     hidden: Sequence[int],
     *,
+    robot: int = 0,
     bits: bool,
     gradient: bool = False,
     half: bool = False,
@@ -51,6 +52,7 @@ def by_object(
         activity bit of the robot and each row, then with `gradient` two numbers of each, then the
         reward's memory.
       before: numbers of the robot, which come first.
+      robot: which of the task's objects the robot is; the others are the rows.
       hidden: widths of the layers that follow; a quarter of the first is H.
       bits: whether there are activity bits.
       gradient: whether there are gradients of the reward (`gril_jax.rl.reward_gradient`).
@@ -58,7 +60,9 @@ def by_object(
     """
     outputs = networks.parametric_action_distribution.param_size
     more = (1,) * bits + (2,) * gradient
-    listing = dict(rows=rows, before=before, more=more, half=half, hidden=tuple(hidden))
+    listing = dict(
+        rows=rows, before=before, robot=robot, more=more, half=half, hidden=tuple(hidden)
+    )
     policy = _network(_Objects(outputs=outputs, **listing), size)
     value = _network(_Objects(outputs=1, **listing), size)
 
@@ -88,6 +92,7 @@ class _Objects(linen.Module):
 
     rows: Rows
     before: int
+    robot: int
     more: tuple[int, ...]  # numbers that the robot and each row have at the end, in parts
     half: bool
     hidden: tuple[int, ...]
@@ -122,8 +127,9 @@ class _Objects(linen.Module):
         for numbers in self.more:
             end = at + (1 + total) * numbers
             each = observation[..., at:end].reshape(*observation.shape[:-1], 1 + total, numbers)
-            ends = [*itertools.accumulate((count for count, _ in self.rows), initial=1)]
-            each = jnp.split(each, ends, axis=-2)[1:-1]  # the robot's count for nothing
+            each = jnp.delete(each, self.robot, axis=-2)  # the robot's count for nothing
+            ends = [*itertools.accumulate(count for count, _ in self.rows)]
+            each = jnp.split(each, ends[:-1], axis=-2)
             kinds = [jnp.concatenate(pair, axis=-1) for pair in zip(kinds, each, strict=True)]
             at = end
         robot = jnp.concatenate([observation[..., : self.before], observation[..., at:]], axis=-1)

@@ -96,6 +96,21 @@ def test_a_gradient_counts_for_its_own_object_and_the_robots_for_none(bits):
     assert np.abs(np.asarray(say(changed)[0]) - np.asarray(say(seen)[0])).max() > 1e-3
 
 
+@pytest.mark.parametrize("robot", [1, 6])
+def test_the_robot_may_have_any_place_among_the_objects(robot):
+    """Where it is second or last, its bit and its gradient only stand elsewhere."""
+    size = OWN + 7 + 14 + 2
+    first, other = (_made(size, bits=True, gradient=True, robot=at) for at in (0, robot))
+    seen = _observations(size)
+    moved = seen.copy()
+    for at, numbers in ((OWN, 1), (OWN + 7, 2)):
+        each = moved[:, at : at + 7 * numbers].reshape(6, 7, numbers)
+        own, rest = each[:, :1].copy(), each[:, 1:].copy()
+        each[:] = np.concatenate([rest[:, :robot], own, rest[:, robot:]], axis=1)
+    assert np.abs(moved - seen).max() > 0.1
+    _close(other(moved), first(seen))
+
+
 def test_a_row_of_zeros_is_not_there(made):
     """Whatever its bit says; and with no row at all everything is finite."""
     say, size, bits = made

@@ -7,11 +7,13 @@ Objects: region, robot, targets, distractors, in that order.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from gril_jax.envs.base import Objects, State
 from gril_jax.envs.checks import check_known, check_shares
 from gril_jax.envs.magical import layout as layouts
 from gril_jax.envs.magical import scene as looks
 from gril_jax.envs.magical.layout import CLASSES, RADII, VARIANTS
+from gril_jax.envs.magical.suite import state
 from gril_jax.envs.magical.suite.plan import Scene, in_region, shapes
 from gril_jax.envs.magical.suite.state import SuiteData
 from gril_jax.envs.magical.suite.task import SuiteTask
@@ -29,6 +31,7 @@ TARGETS = ("green star", "green square")
 DISTRACTORS = ("blue pentagon", "yellow circle", "yellow pentagon")
 
 
+_OBJECTS = "objects"
 _LONG_STICK = 60  # control steps of an episode, as the original registers it
 
 
@@ -44,7 +47,8 @@ class MatchRegions(SuiteTask):
         with one target already in the region. For training; 0 is the task itself.
       on_the_way: in those, how likely a target that is not in the region is on its way there.
       facing: in those, how likely the robot stands before such a target and faces it.
-      observation: "plain", "rich", "sorted" or "xmagical"; see `observation`.
+      observation: "plain", "rich", "sorted" or "xmagical", see `observation`; or "objects", that of
+        the suite's other tasks, in the order of the objects.
       reward: the task's own reward: "S4", "V5" or "sparse".
       substeps, iterations: as of `SuiteTask`; None is with "mjx" 5 and 2.
     """
@@ -54,7 +58,6 @@ class MatchRegions(SuiteTask):
     variants, rewards, roles = VARIANTS, rewards.REWARDS, ()
     shifted = None  # its objects come in another order than those of the suite
     look = looks.X_MAGICAL
-    observation_rows = None
 
     def __init__(
         self,
@@ -74,7 +77,7 @@ class MatchRegions(SuiteTask):
         substeps: int | None = None,
         iterations: int | None = None,
     ):
-        check_known("observation", observation, observations.OBSERVATIONS)
+        check_known("observation", observation, (*observations.OBSERVATIONS, _OBJECTS))
         check_shares(varied_starts=varied_starts, on_the_way=on_the_way, facing=facing)
         self.blocks, self.num_targets = (*targets, *distractors), len(targets)
         _check_blocks(targets, self.blocks, variant)
@@ -198,12 +201,22 @@ class MatchRegions(SuiteTask):
         away = self._distances(pose[self._parts :], pose[0, :2])
         return progress._replace(nearest=jnp.minimum(progress.nearest, away))
 
+    @property
+    def observation_rows(self) -> tuple[tuple[int, int], ...] | None:
+        """Number and length of the rows of "objects"; other observations have none."""
+        return super().observation_rows if self._kind == _OBJECTS else None
+
     def _names(self) -> tuple[str, ...]:
+        if self._kind == _OBJECTS:
+            return super()._names()
         return observations.names(
             self._kind, self.blocks, fingers=self.robot.has_fingers, targets=self.num_targets
         )
 
     def _seen(self, data: SuiteData) -> Float[Array, "O"]:
+        if self._kind == _OBJECTS:  # in the order of `objects`
+            as_listed = state.Order(np.arange(1), np.arange(len(self.blocks)))
+            return state.observe(data, self._parts, as_listed)
         region = data.regions[0]
         inside = in_region(region, data.pose[self._parts :, :2])
         seen = observations.Observed(data.pose, data.velocity, region, inside)

@@ -197,3 +197,22 @@ def test_classes_are_the_detectors():
     from gril_jax.demos.vision.palette import PALETTE_CLASSES
 
     assert task.CLASSES == PALETTE_CLASSES
+
+
+def test_rows_of_objects_are_in_the_order_of_the_boxes_and_say_colour_and_shape():
+    blocks = {"targets": ("green star",), "distractors": ("yellow circle", "blue pentagon")}
+    env = envs.make("match_regions", observation="objects", **blocks)
+    state = jax.jit(env.reset)(jax.random.key(0))
+    (regions, region), (count, block) = env.observation_rows
+    assert (regions, count, state.obs.shape) == (1, 3, (len(env.observation_names),))
+    rows = state.obs[-count * block :].reshape(count, block)
+    named = env.observation_names[-block:]
+    place = slice(*(named.index("block 3: centre") + np.array([0, 2])))
+    np.testing.assert_array_equal(rows[:, place], state.objects.center[2:])
+    np.testing.assert_array_equal(
+        state.obs[-count * block - region :][2:4], state.objects.center[0]
+    )
+    for row, name in zip(rows, env.blocks, strict=True):
+        said = {w.partition(": ")[2] for w, x in zip(named[-8:], row[-8:], strict=True) if x}
+        assert said == set(name.split())
+    assert envs.make("match_regions", **FEW).observation_rows is None
