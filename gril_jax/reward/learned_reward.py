@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -36,6 +37,7 @@ from gril_jax.types import checked
 NOTHING_SEEN = -2.0
 """The reward where no object has a finite box: twice the distance at which demonstrations begin."""
 
+_SHORTEST = 64  # frames that a recording is padded to
 _FAR = 20.0  # half extents of the reward's scenes: boxes beyond that are in other units
 
 
@@ -253,9 +255,18 @@ class LearnedReward:
         self,
         center: Float[ArrayLike, "T N 2"],
         size: Float[ArrayLike, "..."],
-        **given: Any,
+        *,
+        label: Int[ArrayLike, "..."] | None = None,
+        is_robot: Bool[ArrayLike, "..."] | None = None,
+        present: Bool[ArrayLike, "..."] | None = None,
     ) -> Float[Array, "T"]:
-        """The reward of every frame of one recording; `given` as for the reward of one state.
+        """The reward of every frame of one recording.
+
+        It is compiled once for recordings of up to 64 frames, once more up to 128, and so on.
+
+        Args:
+          center, size: the boxes of all frames, world units; see `step`.
+          label, is_robot, present: as for the reward of one state.
 
         Raises:
           ShapeError: there is no frame, or the arrays do not belong to the same objects.
@@ -266,11 +277,16 @@ class LearnedReward:
                 f"center has shape {center.shape} and size {size.shape}; both must be (T, N, 2), "
                 "with one frame or more."
             )
+        self._check_boxes()
         self._check_units(center, size)
-        memory = self.init(center[0], size[0])
-        frame = lambda memory, boxes: self.step(memory, *boxes, **given)  # noqa: E731
-        _, later = jax.lax.scan(frame, memory, (center[1:], size[1:]))
-        return jnp.concatenate([self.of_memory(memory, **given)[None], later])
+        label, is_robot = self._scene(label, is_robot)
+        given = dict(label=label, is_robot=is_robot, present=present)
+        if isinstance(center, jax.core.Tracer) or isinstance(size, jax.core.Tracer):
+            return _along(self, center, size, given)
+        # What follows a frame does not change its reward.
+        more = max(_SHORTEST, 1 << (len(center) - 1).bit_length()) - len(center)
+        padded = [np.pad(x, ((0, more), (0, 0), (0, 0)), mode="edge") for x in (center, size)]
+        return jnp.asarray(np.asarray(_along(self, *padded, given))[: len(center)])
 
     def _value(self, seen):
         return latent_goal_reward(self.params, seen, self.config)
@@ -296,9 +312,8 @@ class LearnedReward:
         half_extent = self.about.get("half_extent")
         if half_extent is None or any(isinstance(x, jax.core.Tracer) for x in (center, size)):
             return
-        with jax.ensure_compile_time_eval():
-            known = jnp.abs(jnp.stack([center, size]))
-            furthest = float(jnp.max(jnp.where(jnp.isfinite(known), known, 0.0), initial=0.0))
+        known = np.abs([center, size])
+        furthest = np.max(known, where=np.isfinite(known), initial=0.0)
         if furthest > _FAR * half_extent:
             raise ConfigError(
                 f"center or size holds {furthest:g}, but the reward's scenes reach {half_extent:g} "
@@ -321,13 +336,20 @@ class LearnedReward:
         return label, jnp.asarray(is_robot)
 
 
+@jax.jit
+def _along(learned, center, size, given):
+    memory = learned.init(center[0], size[0])
+    frame = lambda memory, boxes: learned.step(memory, *boxes, **given)  # noqa: E731
+    _, later = jax.lax.scan(frame, memory, (center[1:], size[1:]))
+    return jnp.concatenate([learned.of_memory(memory, **given)[None], later])
+
+
 def _finite(center, size):
     return jnp.isfinite(center).all(axis=-1) & jnp.isfinite(size).all(axis=-1)
 
 
 def _check_labels(label, classes):
-    with jax.ensure_compile_time_eval():
-        low, high = (int(f(jnp.asarray(label), initial=0)) for f in (jnp.min, jnp.max))
+    low, high = (int(f(np.asarray(label), initial=0)) for f in (np.min, np.max))
     if low < 0 or high >= len(classes):
         raise ConfigError(
             f"label holds {low if low < 0 else high}; it must lie in 0 to {len(classes) - 1}, the "

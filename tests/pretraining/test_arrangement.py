@@ -248,7 +248,8 @@ def test_the_loss_learns_from_copies_that_hold_other_things(monkeypatch):
     def loss():
         bits = jnp.zeros(demos.center.shape[:3], bool)
         key = jax.random.key(1)
-        return float(contrast.contrast(params, key, demos, bits, goal, Hyper(), config))
+        once = jax.jit(lambda p: contrast.contrast(p, key, demos, bits, goal, Hyper(), config))
+        return float(once(params))
 
     found = loss()
     monkeypatch.setattr(

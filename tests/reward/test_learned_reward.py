@@ -13,6 +13,7 @@ from gril_jax.errors import ConfigError, ShapeError
 from gril_jax.graphs import activity
 from gril_jax.graphs.activity_rule import ActivityRule, from_json
 from gril_jax.graphs.scene import scene_graph
+from gril_jax.reward import learned_reward
 from gril_jax.reward.latent_goal import latent_goal_reward
 from gril_jax.reward.learned_reward import LearnedReward
 
@@ -61,6 +62,13 @@ def test_a_rollout_a_scan_and_a_recording_agree():
         rollout.append(value)
     found = jax.jit(learned.trajectory)(center, size)
     np.testing.assert_allclose(found, rollout, rtol=1e-5)
+    compiled = learned_reward._along._cache_size()
+    for length in (1, 4, 7):  # all as one program
+        np.testing.assert_allclose(
+            learned.trajectory(center[:length], np.asarray(size[:length])), rollout[:length],
+            rtol=1e-5,
+        )  # fmt: skip
+    assert learned_reward._along._cache_size() == compiled + 1
 
     active = jax.jit(lambda *b: activity.trajectory(*b, tau=0.5, window=2))(center, size)
     assert 0 < np.asarray(active).mean() < 1

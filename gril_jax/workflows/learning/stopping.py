@@ -35,15 +35,15 @@ class Watched(NamedTuple):
 def begin(state: Any, policy: Any, *, evaluations: int, seeds: int) -> Watched:
     """A training before its first update."""
     none = jnp.full((evaluations, seeds), jnp.nan, jnp.float32)
-    return Watched(state, jax.tree.map(jnp.copy, policy), none, none)
+    return Watched(state, _copied(policy), none, none)
 
 
 def noted(watched: Watched, success: Any, value: Any, policy: Any) -> Watched:
     """With one evaluation more, (S,) each, of the policies (S, ...) as they are now."""
     at = count(watched)
-    success = jnp.asarray(watched.success).at[at].set(success)
-    value = jnp.asarray(watched.value).at[at].set(value)
-    found = Watched(watched.state, watched.best, success, value)
+    each = [np.array(x) for x in (watched.success, watched.value)]
+    each[0][at], each[1][at] = success, value
+    found = Watched(watched.state, watched.best, *map(jnp.asarray, each))
     better = best_so_far(found) == at
     return found._replace(best=_kept(better, policy, watched.best))
 
@@ -94,6 +94,11 @@ def best(success: Float[np.ndarray, "E S"], value: Float[np.ndarray, "E S"]) -> 
     each, returns = means(success), means(value)
     level = each >= each.max(axis=0) - 1e-9
     return np.argmax(np.where(level, returns, -np.inf), axis=0)
+
+
+@jax.jit
+def _copied(policy: Any) -> Any:
+    return jax.tree.map(jnp.copy, policy)
 
 
 @jax.jit
