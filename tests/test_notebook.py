@@ -10,7 +10,7 @@ NOTEBOOK = REPOSITORY / "docs" / "notebooks" / "videos_to_policy.ipynb"
 SMALLER = {
     "NUM_DEMOS = 24": "NUM_DEMOS = 8",
     "REWARD_STEPS = 2_000": "REWARD_STEPS = 20",
-    "POLICY_STEPS = 3_000_000": "POLICY_STEPS = 20_480",
+    "POLICY_STEPS = 3_000_000": "POLICY_STEPS = 7_680",
     "ascents=100": "ascents=8",
     "episodes=128": "episodes=4",
 }

@@ -223,9 +223,9 @@ def _shown(played: Evaluation, episodes: int) -> np.ndarray:
 def _film(env: Env, played: Evaluation, params: Any, shown: np.ndarray, path: Path) -> None:
     """Writes a video of three episodes side by side. A policy that sees its stage says which one it
     is at."""
-    panels = []
+    panels, episode = [], jax.jit(lambda states, at: jax.tree.map(lambda x: x[at], states))
     for one, kind in zip(shown, ("worst", "median", "best"), strict=True):
-        film = filming.episode(env, jax.tree.map(lambda x, one=one: x[one], played.states))
+        film = filming.episode(env, episode(played.states, one))
         stages = policy_rewards.stages_in_words(params, played.remembered[one])
         words = [f"{kind}, {stage}" for stage in stages] or [kind] * len(film)
         panels.append(filming.with_captions(film, words))

@@ -209,7 +209,8 @@ def _learn_policy(
         program, params, plan, [config], name=name, run=run.dir, echo=run.echo, row=row,
         tick=lambda steps: phase.update(steps),
     )  # fmt: skip
-    policy, state = jax.tree.map(lambda x: x[0], (trained.policy, trained.state))
+    only = jax.jit(lambda trees: jax.tree.map(lambda x: x[0], trees))
+    policy, state = only((trained.policy, trained.state))
     results = {"env_steps": trained.env_steps, "state_sha256": state_leaves.digest(state)}
     saved = run.dir.save_part("policy", trained.env_steps, policy)
     if early:

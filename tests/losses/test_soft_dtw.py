@@ -245,7 +245,8 @@ def test_the_divergence_of_padded_sequences_equals_that_of_short_ones():
 def test_features_of_any_size_have_a_finite_value_and_gradient(size):
     x, y = (jax.random.normal(jax.random.key(seed), (6, 3)) for seed in (0, 1))
     for loss in (soft_dtw_between, soft_dtw_divergence):
+        both = jax.jit(jax.value_and_grad(loss))
         for other in (y, y * size, x * size):
-            value, slope = jax.value_and_grad(loss)(x * size, other)
+            value, slope = both(x * size, other)
             assert np.isfinite(value)
             assert np.isfinite(slope).all()
