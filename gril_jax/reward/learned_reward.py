@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -153,25 +152,16 @@ class LearnedReward:
         center, size, active = (jnp.asarray(x) for x in (center, size, active))
         nodes = self._check(center, size)
         label, is_robot = self._scene(label, is_robot)
-        finite = _finite(center, size)
-        known = present is not None
-        # As in `scene_graph`: so the reward was learned.
-        present = jnp.asarray(present) if known else (size != 0).any(axis=-1)
-        given = dict(active=active, label=label, is_robot=is_robot, present=present)
+        given = dict(active=active, label=label, is_robot=is_robot)
+        if present is not None:
+            given["present"] = jnp.asarray(present)
         for name, flags in given.items():
             if flags.shape != (nodes,):
                 raise ShapeError(
                     f"{name} has shape {flags.shape} but center has shape {center.shape}; {name} "
                     f"must have shape ({nodes},), one value for each object."
                 )
-
-        seen = present & finite
-        lost = present & ~finite if known else ~seen
-        center, size = (jnp.where(finite[:, None], x, 0.0) for x in (center, size))
-        value = self._value(graphs.scene_graph(center, size, label, is_robot, active, seen))
-        counts = jnp.asarray(True) if getattr(self.config, "pool_robot", True) else ~is_robot
-        nothing = jnp.any(lost & counts) & ~jnp.any(seen & counts)
-        return jnp.where(nothing, NOTHING_SEEN, value)
+        return _compiled(_of_state, self, center, size, given)
 
     @checked
     def of_frame(self, frame: Float[Array, "height width 3"]) -> Float[Array, ""]:
@@ -238,12 +228,9 @@ class LearnedReward:
                 f"center has shape {center.shape} but the memory was made for "
                 f"{memory.center.shape}; call init with this scene's first frame."
             )
-        # Left out, a lost object could raise the reward: its way to the goal would not count.
-        seen = _finite(center, size)[:, None]
-        center = jnp.where(seen, center, memory.center)
-        size = jnp.where(seen, size, memory.size)
-        memory = Memory(self.activity.step(memory.activity, center, size)[0], center, size)
-        return memory, self.of_memory(memory, label=label, is_robot=is_robot, present=present)
+        label, is_robot = self._scene(label, is_robot)
+        given = dict(label=label, is_robot=is_robot, present=present)
+        return _compiled(_next, self, memory, center, size, given)
 
     @checked
     def of_memory(self, memory: Memory, **given: Any) -> Float[Array, ""]:
@@ -281,12 +268,14 @@ class LearnedReward:
         self._check_units(center, size)
         label, is_robot = self._scene(label, is_robot)
         given = dict(label=label, is_robot=is_robot, present=present)
-        if isinstance(center, jax.core.Tracer) or isinstance(size, jax.core.Tracer):
+        if _traced(self, center, size, given):
             return _along(self, center, size, given)
         # What follows a frame does not change its reward.
-        more = max(_SHORTEST, 1 << (len(center) - 1).bit_length()) - len(center)
-        padded = [np.pad(x, ((0, more), (0, 0), (0, 0)), mode="edge") for x in (center, size)]
-        return jnp.asarray(np.asarray(_along(self, *padded, given))[: len(center)])
+        frames = range(max(_SHORTEST, 1 << (len(center) - 1).bit_length()))
+        at = [min(frame, len(center) - 1) for frame in frames]
+        padded = [x[at] for x in jax.device_get((center, size))]  # on the host: nothing compiles
+        rewards = jax.device_get(_compiled(_along, self, *padded, given))
+        return jnp.asarray(rewards[: len(center)])
 
     def _value(self, seen):
         return latent_goal_reward(self.params, seen, self.config)
@@ -312,8 +301,8 @@ class LearnedReward:
         half_extent = self.about.get("half_extent")
         if half_extent is None or any(isinstance(x, jax.core.Tracer) for x in (center, size)):
             return
-        known = np.abs([center, size])
-        furthest = np.max(known, where=np.isfinite(known), initial=0.0)
+        known = [abs(x) for x in jax.device_get((center, size))]  # on the host: nothing compiles
+        furthest = max(x[x < float("inf")].max(initial=0.0) for x in known)
         if furthest > _FAR * half_extent:
             raise ConfigError(
                 f"center or size holds {furthest:g}, but the reward's scenes reach {half_extent:g} "
@@ -336,7 +325,29 @@ class LearnedReward:
         return label, jnp.asarray(is_robot)
 
 
-@jax.jit
+def _of_state(learned, center, size, given):
+    finite, known = _finite(center, size), "present" in given
+    # As in `scene_graph`: so the reward was learned.
+    present = given["present"] if known else (size != 0).any(axis=-1)
+    label, is_robot, active = given["label"], given["is_robot"], given["active"]
+    seen = present & finite
+    lost = present & ~finite if known else ~seen
+    center, size = (jnp.where(finite[:, None], x, 0.0) for x in (center, size))
+    value = learned._value(graphs.scene_graph(center, size, label, is_robot, active, seen))
+    counts = jnp.asarray(True) if getattr(learned.config, "pool_robot", True) else ~is_robot
+    nothing = jnp.any(lost & counts) & ~jnp.any(seen & counts)
+    return jnp.where(nothing, NOTHING_SEEN, value)
+
+
+def _next(learned, memory, center, size, given):
+    # Left out, a lost object could raise the reward: its way to the goal would not count.
+    seen = _finite(center, size)[:, None]
+    center = jnp.where(seen, center, memory.center)
+    size = jnp.where(seen, size, memory.size)
+    memory = Memory(learned.activity.step(memory.activity, center, size)[0], center, size)
+    return memory, learned.of_memory(memory, **given)
+
+
 def _along(learned, center, size, given):
     memory = learned.init(center[0], size[0])
     frame = lambda memory, boxes: learned.step(memory, *boxes, **given)  # noqa: E731
@@ -344,12 +355,26 @@ def _along(learned, center, size, given):
     return jnp.concatenate([learned.of_memory(memory, **given)[None], later])
 
 
+_PROGRAMS = {part: jax.jit(part) for part in (_of_state, _next, _along)}
+
+
+def _compiled(part, *args):
+    """What a part says; outside of a user's compiled function it is a program of its own."""
+    return (part if _traced(*args) else _PROGRAMS[part])(*args)
+
+
+def _traced(*trees):
+    return any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(trees))
+
+
 def _finite(center, size):
     return jnp.isfinite(center).all(axis=-1) & jnp.isfinite(size).all(axis=-1)
 
 
 def _check_labels(label, classes):
-    low, high = (int(f(np.asarray(label), initial=0)) for f in (np.min, np.max))
+    with jax.ensure_compile_time_eval():
+        known = jax.device_get(jnp.asarray(label))
+    low, high = int(known.min(initial=0)), int(known.max(initial=0))
     if low < 0 or high >= len(classes):
         raise ConfigError(
             f"label holds {low if low < 0 else high}; it must lie in 0 to {len(classes) - 1}, the "

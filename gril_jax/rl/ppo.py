@@ -103,12 +103,12 @@ class PPO(Agent):
             policy_hidden_layer_sizes=static.hidden, value_hidden_layer_sizes=static.hidden,
         )  # fmt: skip
         if static.by_object:
-            rows = env.observation_rows
+            rows, names = env.observation_rows, getattr(env, "object_names", ())
             listed = sum(count * numbers for count, numbers in rows)
             own = jax.eval_shape(env.reset, jax.random.key(0)).obs.shape[0]
             one = set_networks.by_object(
                 one, rows, self.observation_size, own - listed, static.hidden,
-                robot=getattr(env, "object_names", ("robot",)).index("robot"),
+                robot=names.index("robot") if "robot" in names else 0,
                 bits=static.observe_activity, gradient=static.observe_gradient, half=static.half,
             )  # fmt: skip
         self.networks = dataclasses.replace(

@@ -62,13 +62,14 @@ def test_a_rollout_a_scan_and_a_recording_agree():
         rollout.append(value)
     found = jax.jit(learned.trajectory)(center, size)
     np.testing.assert_allclose(found, rollout, rtol=1e-5)
-    compiled = learned_reward._along._cache_size()
+    program = learned_reward._PROGRAMS[learned_reward._along]
+    compiled = program._cache_size()
     for length in (1, 4, 7):  # all as one program
         np.testing.assert_allclose(
             learned.trajectory(center[:length], np.asarray(size[:length])), rollout[:length],
             rtol=1e-5,
         )  # fmt: skip
-    assert learned_reward._along._cache_size() == compiled + 1
+    assert program._cache_size() == compiled + 1
 
     active = jax.jit(lambda *b: activity.trajectory(*b, tau=0.5, window=2))(center, size)
     assert 0 < np.asarray(active).mean() < 1
