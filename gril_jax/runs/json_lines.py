@@ -14,6 +14,7 @@ for the same the later one counts; no other file depends on it, so that a run go
 """
 
 import contextlib
+import errno
 import hashlib
 import json
 import math
@@ -47,7 +48,7 @@ class JsonLines:
             if len(whole) < len(data):
                 self.said = f"the last line of {file} was cut short, and is left out"
                 os.truncate(file, len(whole))
-            self._stream = open(file, "ab")
+            self._stream = open(file, "ab", buffering=0)
         self._count(whole)
 
     def _count(self, data: bytes) -> None:
@@ -57,8 +58,12 @@ class JsonLines:
         """Adds a line."""
         line = (json.dumps(row) + "\n").encode()
         with writing(self.file.parent):
-            self._stream.write(line)
-            self._stream.flush()
+            try:
+                if self._stream.write(line) != len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            except OSError:  # else a part of it would stand before the next line
+                os.truncate(self.file, self._bytes)
+                raise
         self._sha.update(line)
         self._lines, self._bytes = self._lines + 1, self._bytes + len(line)
 

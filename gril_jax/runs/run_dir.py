@@ -170,8 +170,9 @@ class RunDir:
     def newest(self, phase: str, state: Any, tell: Callable[[str], None]) -> tuple[Any, int]:
         """The newest undamaged checkpoint of a phase and its chunks; the state and 0 without one.
 
-        Damaged ones are set aside, and `tell` takes a sentence for each. From the phase's first row
-        after it on, all rows of metrics are cut off.
+        Damaged ones are set aside, and `tell` takes a sentence for each. The phase's rows of
+        metrics after it are cut off. Where rows of other phases follow, as after a phase that has
+        failed, all stay: of two rows of a step the later one counts.
         """
         chunks, mark = 0, None
         while (path := checkpoints.latest(self.checkpoints / phase)) is not None:
@@ -184,7 +185,9 @@ class RunDir:
                 tell(f"{error}: it is set aside as {aside.name}, and the one before it is taken")
         rows = read_rows(self.rows.file)
         after = range(mark["lines"] if mark else 0, len(rows))
-        if self.rows.cut(next((i for i in after if rows[i].get("phase") == phase), len(rows))):
+        first = next((i for i in after if rows[i].get("phase") == phase), len(rows))
+        alone = all(row.get("phase") == phase for row in rows[first:])
+        if alone and self.rows.cut(first):
             self._open_sinks()
         return state, chunks
 

@@ -70,6 +70,9 @@ def test_a_rollout_a_scan_and_a_recording_agree():
             rtol=1e-5,
         )  # fmt: skip
     assert program._cache_size() == compiled + 1
+    label, is_robot = learned.label, learned.is_robot
+    inside = jax.jit(lambda x: x + learned.trajectory(center, size, label=label, is_robot=is_robot))
+    np.testing.assert_allclose(inside(1.0), 1.0 + np.asarray(rollout), rtol=1e-5)
 
     active = jax.jit(lambda *b: activity.trajectory(*b, tau=0.5, window=2))(center, size)
     assert 0 < np.asarray(active).mean() < 1

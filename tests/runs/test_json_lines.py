@@ -1,5 +1,7 @@
 """metrics.jsonl and times.jsonl: what is cut came after a mark; no run depends on its clocks."""
 
+import resource
+
 import pytest
 
 from gril_jax.config import RunConfig
@@ -31,6 +33,35 @@ def test_a_phase_that_begins_again_leaves_the_rows_of_others(path):
         run.log(phase="sac", env_steps=5)
         run.newest("third", "fresh", pytest.fail)
     assert run_dir.read_metrics(path) == [*ROWS, {"phase": "sac", "env_steps": 5}]
+
+
+def test_a_phase_that_failed_begins_again_without_taking_away_what_finished_behind_it(path):
+    with run_dir.resume(path) as run:
+        run.log(phase="failed", env_steps=1)
+        run.log(phase="behind", env_steps=1)
+        run.finish_phase("behind", {})
+        before = run.metrics()
+        assert run.newest("failed", "fresh", pytest.fail) == ("fresh", 0)
+        assert run.metrics() == before
+        run.log(phase="failed", env_steps=1)
+        run.finish_phase("failed", {})
+    again = {"phase": "failed", "env_steps": 1}
+    assert run_dir.read_metrics(path) == [*ROWS, again, {"phase": "behind", "env_steps": 1}, again]
+
+
+def test_a_line_that_found_no_room_is_not_there_once_there_is(path):
+    with run_dir.resume(path) as run:
+        size = (path / "metrics.jsonl").stat().st_size
+        usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size + 20, usual[1]))
+        try:
+            with pytest.raises(RunError):
+                run.rows.append({"phase": "ppo", "text": "x" * 50})
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        run.log(phase="ppo", env_steps=4)
+        run.finish_phase("more", {})
+    assert run_dir.read_metrics(path) == [*ROWS, {"phase": "ppo", "env_steps": 4}]
 
 
 @pytest.fixture

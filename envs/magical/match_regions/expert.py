@@ -139,9 +139,15 @@ def demonstrate(
     hears how many episodes are good enough so far.
 
     Raises:
-      ExpertError: the expert fails so often that they cannot be collected.
+      ExpertError: the physics are MAGICAL's own, in which a command turns in full or not at all, or
+        the expert fails so often that they cannot be collected.
     """
     env = make(robot="gripper", observation="rich", variant=wanted.places)
+    if env.physics != "xmagical":
+        raise ExpertError(
+            "the scripted expert of match_regions needs physics=xmagical, but it is "
+            f"{env.physics}: give videos with --demos"
+        )
     env.episode_length = env.episode_length * 4 // 3  # the expert is slower than a policy
     played, failures = _SPARE * wanted.successes, wanted.failures
     batch = played + failures + wanted.successes // 3

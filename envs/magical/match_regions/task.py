@@ -89,6 +89,8 @@ class MatchRegions(SuiteTask):
             robot=robot, physics=physics, engine=engine, variant=variant, reward=reward,
             episode_length=episode_length, substeps=substeps, iterations=iterations,
         )  # fmt: skip
+        if self.varies("color") or self.varies("shape"):
+            self.place = None  # it knows the blocks' own colours and shapes alone
 
     @property
     def object_names(self) -> tuple[str, ...]:
@@ -239,3 +241,7 @@ def _check_blocks(targets: tuple[str, ...], blocks: tuple[str, ...], variant: st
         check_known("block", name, CLASSES[2:])
         if variant not in ("layout", "all") and name not in starts.DEMO_BLOCKS:
             raise ValueError(f"block {name!r} has no place in the {variant} layout")
+        if variant not in ("layout", "all") and blocks.count(name) > 1:
+            raise ValueError(
+                f"block {name!r} is named twice, but has one place in the {variant} layout"
+            )

@@ -26,6 +26,7 @@ from gril_jax.runs import hosts, reading, run_dir
 from gril_jax.runs.progress import Progress
 from gril_jax.workflows.build import demonstrations, setup
 from gril_jax.workflows.build.demonstrations import Demonstrations
+from gril_jax.workflows.build.policy_rewards import begins_at_frames
 
 from . import audit, elsewhere, measures, saved, separation, summary, variants
 from . import programs as study_programs
@@ -149,7 +150,7 @@ def _train(plan: Plan, rows, programs, run, progress, echo: Echo) -> dict[int, s
     _require_same_parts(run.path, run.finished_phase, programs)
     learned: dict[Hashable, TrainedReward] = {}
     failed: dict[int, str] = {}
-    gather = _gatherer(plan.config, run, progress)
+    gather = _gatherer(plan.config, plan.runs, run, progress)
 
     def written() -> None:
         if hosts.is_first():
@@ -313,19 +314,27 @@ def _of_set(config: RunConfig) -> Hashable:
     return study_rewards.set_key(config)
 
 
-def _gatherer(base: RunConfig, run: run_dir.RunDir, progress: Progress) -> Gather:
-    """Demonstrations for a configuration, each set made once; the run notes the first one."""
+def _gatherer(
+    base: RunConfig, rows: Sequence[Row], run: run_dir.RunDir, progress: Progress
+) -> Gather:
+    """Demonstrations for a configuration, each set made once; the run notes the first one.
+
+    Their folders are numbered by the study's rows: which are made first may differ in a run that
+    goes on."""
     made: dict[Hashable, Demonstrations] = {}
+    needed = [x.config for x in rows if learns(x.config) or begins_at_frames(x.config)]
+    numbers = {key: at for at, key in enumerate(dict.fromkeys(map(_of_set, needed)))}
 
     def gather(config: RunConfig) -> Demonstrations:
         key = _of_set(config)
         if key not in made:
             config = base if key == _of_set(base) else config
             env = setup.make_env(config.env, training=False)
-            if not made:
+            number = numbers.setdefault(key, len(numbers))
+            if not number:
                 made[key] = demonstrations.gather_once(config, env, run, progress)
             else:
-                folder = run.path / f"demos-{len(made)}"
+                folder = run.path / f"demos-{number}"
                 reading.require_unchanged(run.path, f"{folder.name}/")
                 made[key] = demonstrations.gather(config, env, folder, progress)
                 if not config.demos.path:

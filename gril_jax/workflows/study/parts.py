@@ -126,8 +126,11 @@ def _failed(folder: Path, codes: Mapping[Path, int]) -> dict[int, str]:
         own, noted = saved.read(part), reading.read_phases(part).finished.get(results.FAILED, {})
         for name, seeds in own.work.items():
             cell, start = found.names.index(name), own.config.run.seed
-            said = noted.get(str(cell)) or (_last_words(part, codes[part]) if part in dead else "")
-            if said and any((name, start + seed) not in complete for seed in seeds):
+            said = noted.get(str(cell))
+            left = any((name, start + seed) not in complete for seed in seeds)
+            if not said and part in dead and left:
+                said = _last_words(part, codes[part])
+            if said:
                 failed.setdefault(cell, said)
     return failed
 

@@ -160,7 +160,10 @@ def _measured(
                     yield (cell, seed), known
     for phase, done in phases.items():
         if phase.startswith("variants-"):
-            lost = phases[phase.removeprefix("variants-")].get("diverged", {})
+            program = phases.get(phase.removeprefix("variants-"))
+            if program is None:  # a run that was cut off between the two
+                continue
+            lost = program.get("diverged", {})
             for i, (cell, seed) in enumerate(done["rows"]):
                 if str(i) in lost:
                     continue
@@ -193,7 +196,8 @@ def curves(folder: Path, phases: Mapping[str, Mapping[str, Any]]) -> list[Curve]
     metrics = run_dir.read_metrics(folder) if trained else []
     found = []
     for phase, done in trained.items():
-        lines = [x for x in metrics if x["phase"] == phase and "success_sampled" in x]
+        own = [x for x in metrics if x["phase"] == phase and "success_sampled" in x]
+        lines = [*{x["env_steps"]: x for x in own}.values()]  # the later one of a second try
         named = [name for name, value in lines[-1].items() if isinstance(value, list)]
         values = {name: np.array([line[name] for line in lines], float) for name in named}
         steps = np.array([line["env_steps"] for line in lines], float)

@@ -23,6 +23,7 @@ from gril_jax.report.curves import spread, success_failure
 from gril_jax.report.headline import Tile
 from gril_jax.report.style import COLOURS, GREY, WIDTH, png, shortened, styled
 from gril_jax.runs import run_dir
+from gril_jax.safe_files import write_whole
 
 from . import predictors, results, saved, table
 from .results import PASSES, Curve, Found
@@ -49,7 +50,7 @@ def write(folder: Path, *, last: bool = True) -> Found:
         files[NAMES[3]] = page(found, files[NAMES[2]], folder).encode()
     with run_dir.writing(folder):
         for name, contents in files.items():
-            (folder / name).write_bytes(contents)
+            write_whole(folder / name, contents, durable=False)
     return found
 
 

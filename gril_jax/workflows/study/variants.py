@@ -201,11 +201,14 @@ def finish(
 
 
 def _rewards_of(rows: Sequence[Row], rewards: Mapping[Hashable, TrainedReward]) -> Any:
-    """The parameters of the rewards that policies observe, leaves (K, ...)."""
+    """The parameters of the rewards that policies observe, leaves (K, ...). Where one could not be
+    learned another is in its place: that policy counts for nothing."""
+    keys = [reward_key(row.config) for row in rows]
+    learned = [rewards[key] for key in keys if key in rewards]
     each = []
-    for row in rows:
+    for row, key in zip(rows, keys, strict=True):
         played = _played_as(row.config)
-        known = rewards[reward_key(row.config)] if learns(played) else None
+        known = rewards.get(key, learned[0]) if learns(played) else None
         of = (known.params, known.demos, known.num_classes) if known else (None, None, 0)
         each.append(policy_rewards.parameters(played, *of))
     return stack(each)

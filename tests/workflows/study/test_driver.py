@@ -1,6 +1,10 @@
 """Whole studies: one that is cut off and goes on, and one with a row that fails."""
 
+import contextlib
 import csv
+import io
+import types
+from dataclasses import replace
 
 import pytest
 from support import new_task
@@ -8,8 +12,11 @@ from support.tiny_runs import command
 
 from gril_jax import threads
 from gril_jax.cli import main
+from gril_jax.config import RunConfig
+from gril_jax.errors import DemoError
 from gril_jax.runs import run_dir
-from gril_jax.workflows.study import audit, driver
+from gril_jax.runs.progress import Progress
+from gril_jax.workflows.study import audit, driver, saved
 
 
 @pytest.fixture
@@ -95,3 +102,39 @@ def test_counts_are_said_in_the_singular_and_the_plural():
     counts = {"rewards": 1, "policies": 1, "programs": 2, "rows": 0}
     assert driver.in_words(counts) == "1 reward, 1 policy, 2 programs"
     assert driver.in_words({"policies": 3}) == "3 policies"
+
+
+def test_folders_of_demonstrations_are_those_of_the_rows_whichever_is_made_first(
+    tmp_path, monkeypatch
+):
+    """A set that cannot be made leaves its folder to itself, and so does a run that goes on."""
+    sizes = {"own": 20, "other": 8, "third": 40}
+    plain = RunConfig()
+    rows = [
+        saved.Row(cell, 0, replace(plain, demos=replace(plain.demos, num=num)))
+        for cell, num in enumerate(sizes.values())
+    ]
+
+    def made(config, env, folder, *_):
+        if config.demos.num == 8:
+            raise DemoError("8 are too few")
+        named = folder.path / "demos" if isinstance(folder, run_dir.RunDir) else folder
+        return driver.Demonstrations(types.SimpleNamespace(where=named.name), {}, 0)
+
+    monkeypatch.setattr(driver.demonstrations, "gather_once", made)
+    monkeypatch.setattr(driver.demonstrations, "gather", made)
+    monkeypatch.setattr(driver.reading, "require_unchanged", lambda *_: None)
+    monkeypatch.setattr(driver.setup, "make_env", lambda *_, **__: None)
+    opened = {"device": "cpu", "experiment": "sweep"}
+    with (
+        run_dir.create(tmp_path / "run", plain, **opened) as run,
+        Progress(stream=io.StringIO()) as progress,
+    ):
+        monkeypatch.setattr(run, "cover", lambda *_: None)
+        for order in ([0, 1, 2], [2, 1, 0]):
+            gather = driver._gatherer(plain, rows, run, progress)
+            found = {}
+            for at in order:
+                with contextlib.suppress(DemoError):
+                    found[at] = gather(rows[at].config).demo_set.where
+            assert found == {0: "demos", 2: "demos-2"}

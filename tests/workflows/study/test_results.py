@@ -69,6 +69,14 @@ def test_a_seed_that_diverged_is_left_out_and_the_others_of_its_row_stay(tmp_pat
     assert [curve.seed for curve in found.curves] == [0, 2]
 
 
+def test_policies_that_were_played_but_not_noted_yet_are_left_out(tmp_path):
+    with _begun(tmp_path / "run", {"own": (0, 1)}) as made:
+        numbers = {"played_score": [0.5, 0.7]}
+        rows = {"rows": [[0, 0], [0, 1]], "numbers": numbers}
+        made.finish_phase("variants-policy-0", rows)
+    assert not results.read(tmp_path / "run").curves
+
+
 def test_a_row_that_succeeds_in_a_later_try_has_not_failed(tmp_path):
     with _begun(tmp_path / "run", {"own": (0, 1)}, in_parts=True) as made:
         made.finish_phase("failed", {"0": "no memory"})
@@ -79,6 +87,8 @@ def test_a_row_that_succeeds_in_a_later_try_has_not_failed(tmp_path):
         part.finish_phase("failed", {})
         _policies(part, 0, (0, 1))
         assert parts._failed(tmp_path / "run", {}) == {}
+        part.finish_phase("failed", {"0": "its audit found no memory"})
+        assert parts._failed(tmp_path / "run", {}) == {0: "its audit found no memory"}
 
 
 def _rewards(run, seeds):

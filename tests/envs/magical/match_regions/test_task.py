@@ -5,13 +5,16 @@ sticks have two blocks here, which compile faster; with five they play in the te
 `planar_physics`.
 """
 
+import functools
+
 import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gril_jax.envs.base import ExpertError, Wanted
 from gril_jax.envs.magical import layout as layouts
-from gril_jax.envs.magical.match_regions import task
+from gril_jax.envs.magical.match_regions import expert, task
 from gril_jax.envs.planar import robots
 from support import match_regions_lanes as lanes
 from support.match_regions_lanes import LANES
@@ -216,3 +219,16 @@ def test_rows_of_objects_are_in_the_order_of_the_boxes_and_say_colour_and_shape(
         said = {w.partition(": ")[2] for w, x in zip(named[-8:], row[-8:], strict=True) if x}
         assert said == set(name.split())
     assert envs.make("match_regions", **FEW).observation_rows is None
+
+
+def test_what_a_layout_or_the_physics_cannot_show_is_refused():
+    for variant in ("demo", "jitter"):
+        with pytest.raises(ValueError, match="'green star' is named twice"):
+            envs.make("match_regions", targets=("green star",) * 2, variant=variant)
+    for variant in ("color", "shape", "all"):  # frames show other colours or shapes than it knows
+        assert envs.make("match_regions", variant=variant).place is None
+    with pytest.raises(ExpertError, match="physics=xmagical, but it is magical"):
+        expert.demonstrate(
+            functools.partial(envs.make, "match_regions", physics="magical", **FEW),
+            Wanted(4, 0, 0, "demo"), lambda found: None,
+        )  # fmt: skip
