@@ -359,7 +359,7 @@ _PROGRAMS = {part: jax.jit(part) for part in (_of_state, _next, _along)}
 
 
 def _compiled(part, *args):
-    """What a part says; outside of a user's compiled function it is a program of its own."""
+    """The result of a part, which is a program of its own outside of a user's compiled function."""
     return (part if _traced(*args) else _PROGRAMS[part])(*args)
 
 

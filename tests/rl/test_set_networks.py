@@ -98,7 +98,7 @@ def test_a_gradient_counts_for_its_own_object_and_the_robots_for_none(bits):
 
 @pytest.mark.parametrize("robot", [1, 6])
 def test_the_robot_may_have_any_place_among_the_objects(robot):
-    """Where it is second or last, its bit and its gradient only stand elsewhere."""
+    """Its bit and its gradient then only stand elsewhere."""
     size = OWN + 7 + 14 + 2
     first, other = (_made(size, bits=True, gradient=True, robot=at) for at in (0, robot))
     seen = _observations(size)

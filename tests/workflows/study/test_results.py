@@ -69,6 +69,17 @@ def test_a_seed_that_diverged_is_left_out_and_the_others_of_its_row_stay(tmp_pat
     assert [curve.seed for curve in found.curves] == [0, 2]
 
 
+def test_of_two_tries_of_a_program_the_later_one_counts(tmp_path):
+    with _begun(tmp_path / "run", {"own": (0, 1)}) as made:
+        for actions, seeds in (("", (4, 4)), ("_sampled", (4, 4))):  # of a try that failed
+            made.log(phase="policy-0", env_steps=10, **{f"success{actions}": [*seeds]})
+        made.log(phase="policy-1", env_steps=10, success_sampled=[0.0])
+        _policies(made, 0, (0, 1))
+    curves = results.read(tmp_path / "run").curves
+    assert [list(x.env_steps) for x in curves] == [[10, 20]] * 2
+    assert [list(x.scores["success_sampled"]) for x in curves] == [[0.25] * 2, [0.75] * 2]
+
+
 def test_policies_that_were_played_but_not_noted_yet_are_left_out(tmp_path):
     with _begun(tmp_path / "run", {"own": (0, 1)}) as made:
         numbers = {"played_score": [0.5, 0.7]}

@@ -9,7 +9,8 @@ import pytest
 from gril_jax.config.files import load
 from gril_jax.rl import evaluate
 from gril_jax.workflows.build import policy_rewards, policy_setup, setup
-from gril_jax.workflows.study import variants
+from gril_jax.workflows.study import saved, variants
+from gril_jax.workflows.study.rewards import TrainedReward, reward_key
 
 SMALL = [
     "--task", "move_to_region", "--encoder.width", "8", "--encoder.latent", "4",
@@ -86,3 +87,13 @@ def test_a_policy_that_observes_no_gradient_is_played_without_a_reward():
     assert variants._played_as(config).run.reward == "environmental"
     seen = load("magical_suite", [*SMALL, "--ppo.observe-gradient", "True"])
     assert variants._played_as(seen).run.reward == "learned"
+
+
+def test_where_a_reward_was_lost_its_policy_is_played_with_anothers(monkeypatch):
+    config = load("magical_suite", [*SMALL, "--ppo.observe-gradient", "True"])
+    other = load("magical_suite", [*SMALL, "--ppo.observe-gradient", "True", "--loss.touch", "0"])
+    rows = [saved.Row(0, 0, other), saved.Row(1, 0, config)]
+    known = TrainedReward(np.ones(2), None, None, 3, None)
+    monkeypatch.setattr(variants.policy_rewards, "parameters", lambda config, params, *_: params)
+    found = variants._rewards_of(rows, {reward_key(config): known})
+    np.testing.assert_array_equal(found, np.ones((2, 2)))
